@@ -1,0 +1,70 @@
+"""Robots by name: the arms of example-robot-data, wherever it is installed (PyPI wheel or ROS package)."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+from ik_node.errors import RobotError, UnknownNameError
+
+
+class Arm(NamedTuple):
+    """Where an arm's URDF lies in example-robot-data, and its usual base and tool frames."""
+
+    urdf: str
+    base_frame: str
+    tip_frame: str
+
+
+ARMS = {
+    "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_link_base", "j2s6s200_end_effector"),
+    "panda": Arm("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
+    "talos_arm": Arm("talos_data/robots/talos_left_arm.urdf", "arm_left_1_link", "wrist_left_ft_tool_link"),
+    "ur10": Arm("ur_description/urdf/ur10_robot.urdf", "base_link", "tool0"),
+    "ur3": Arm("ur_description/urdf/ur3_robot.urdf", "base_link", "tool0"),
+    "ur5": Arm("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0"),
+    "xarm7": Arm("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef"),
+    "z1": Arm("z1_description/urdf/z1.urdf", "link00", "link06"),
+}
+"""Arms with frames of their own; any other URDF of example-robot-data is found by its file's name."""
+
+
+def robots_folder() -> Path:
+    """The folder ``robots`` of example-robot-data; RobotError with the places looked at when it is not installed."""
+    looked = []
+    for place in _places():
+        if place.is_dir():
+            return place
+        looked.append(str(place))
+    raise RobotError(f"example-robot-data is not installed; looked in {', '.join(looked)}")
+
+
+def _places() -> Iterator[Path]:
+    inside = Path("share/example-robot-data/robots")
+    try:
+        yield Path(str(metadata.distribution("example-robot-data").locate_file("cmeel.prefix"))) / inside
+    except metadata.PackageNotFoundError:
+        pass
+    for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix):
+        if prefix:
+            yield Path(prefix) / inside
+
+
+def find(name: str) -> Arm:
+    """The arm called ``name``: one of :data:`ARMS`, else the URDF of that file name; UnknownNameError with every name that works."""
+    if name in ARMS:
+        return ARMS[name]
+    root = robots_folder()
+    files = {path.stem: str(path.relative_to(root)) for path in sorted(root.rglob("*.urdf"))}
+    if name not in files:
+        raise UnknownNameError("robot", name, {*ARMS, *files})
+    return Arm(files[name], "", "")
+
+
+def read_urdf(arm: Arm) -> str:
+    """The URDF of ``arm`` as text."""
+    return (robots_folder() / arm.urdf).read_text()

@@ -1,0 +1,218 @@
+"""Every setting there is: default, unit, range and description, said once.
+
+The node declares its parameters from these classes, the command lines and the tests build them, a recording stores them. A group's field
+becomes the parameter ``group.field``; the fields of ``Settings.arm`` and ``Settings.control`` have no prefix.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
+
+from ik_node.errors import SettingsError
+
+Value = bool | int | float | str | tuple[str, ...] | tuple[float, ...]
+
+METHODS = ("plain",)
+"""Names of the pseudoinverses that ``method`` can select."""
+
+
+def setting(
+    default: Value,
+    description: str,
+    unit: str = "",
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+) -> Any:
+    """A dataclass field that carries what a person needs to know about the parameter."""
+    about = {
+        "description": description,
+        "unit": unit,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": choices,
+        "read_only": read_only,
+    }
+    return field(default=default, metadata=about)
+
+
+class Descriptor(NamedTuple):
+    """What :func:`describe` says of one parameter."""
+
+    name: str
+    default: Value
+    description: str
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    choices: tuple[str, ...]
+    read_only: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """Checks its own fields, so that no group with a value out of range can exist."""
+
+    def __post_init__(self) -> None:
+        for entry in dataclasses.fields(self):
+            about = entry.metadata
+            if about:
+                _check(entry.name, getattr(self, entry.name), entry.default, about)
+
+
+def _check(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> None:
+    wanted = type(default)
+    if wanted is tuple:
+        if not isinstance(value, tuple):
+            raise SettingsError(f"{name} is {value!r}; expected a list")
+    elif wanted is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise SettingsError(f"{name} is {value!r}; expected a number")
+    elif not isinstance(value, wanted) or (wanted is not bool and isinstance(value, bool)):
+        raise SettingsError(f"{name} is {value!r}; expected a {wanted.__name__}")
+    if about["choices"] and value not in about["choices"]:
+        raise SettingsError(f"{name} is {value!r}; valid: {', '.join(about['choices'])}")
+    low, high = about["minimum"], about["maximum"]
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, str) or isinstance(number, bool):
+            continue
+        if not math.isfinite(number):
+            raise SettingsError(f"{name} is {value!r}; expected finite numbers")
+        if (low is not None and number < low) or (high is not None and number > high):
+            raise SettingsError(f"{name} is {value!r}; valid: {_range(low, high)} {about['unit']}".rstrip())
+
+
+def _range(low: float | None, high: float | None) -> str:
+    return f"{'-inf' if low is None else f'{low:g}'} to {'inf' if high is None else f'{high:g}'}"
+
+
+@dataclass(frozen=True)
+class ArmSettings(Group):
+    """Which robot, and which part of it is controlled."""
+
+    robot: str = setting("", "Name of a robot in example-robot-data; ignored when robot_description is given.", read_only=True)
+    robot_description: str = setting(
+        "", "URDF as text; when this and `robot` are empty, the topic robot_description is waited for.", read_only=True
+    )
+    base_frame: str = setting("", "Frame {s} of poses; default: the root of the model.", read_only=True)
+    tip_frame: str = setting("", "Tool frame {b}; default: the robot's usual tool, else the end of the longest chain.", read_only=True)
+    joints: tuple[str, ...] = setting((), "Controlled joints in command order; default: every movable one between base and tip.", read_only=True)
+    joint_prefix: str = setting("", "Put before every joint name of the model when matching joint states.", read_only=True)
+
+
+@dataclass(frozen=True)
+class ControlSettings(Group):
+    """The control law."""
+
+    rate_hz: float = setting(500.0, "Highest tick rate; each tick is made by a joint state.", "Hz", 10.0, 2000.0, read_only=True)
+    min_rate_fraction: float = setting(0.3, "Joint states slower than this part of rate_hz are a fault.", "", 0.0, 1.0)
+    method: str = setting("plain", "How joint velocities are chosen among those that give the twist.", choices=METHODS)
+    gain_linear: float = setting(10.0, "K_p on the position error.", "1/s", 0.0, 200.0)
+    gain_angular: float = setting(10.0, "K_p on the orientation error.", "1/s", 0.0, 200.0)
+    max_feedback_linear: float = setting(0.5, "Cap on the speed that feedback alone asks of the tool point.", "m/s", 0.001, 10.0)
+    max_feedback_angular: float = setting(1.5, "Cap on the turning rate that feedback alone asks of the tool.", "rad/s", 0.001, 30.0)
+    singularity_threshold: float = setting(
+        0.02, "Singular value of J_b, angular rows times characteristic_length, below which its direction fades out.", "m", 1e-6, 1.0
+    )
+    characteristic_length: float = setting(0.3, "Length that makes rotations comparable with translations.", "m", 1e-3, 10.0)
+
+
+@dataclass(frozen=True)
+class LimitSettings(Group):
+    """What no command exceeds."""
+
+    prefix: ClassVar[str] = "limits"
+    velocity: tuple[float, ...] = setting((), "Joint velocity limits in the order of `joints`; default: the URDF's.", "rad/s or m/s", 1e-4)
+    velocity_fraction: float = setting(1.0, "Part of the velocity limits that may be used.", "", 0.01, 1.0)
+    acceleration: tuple[float, ...] = setting(
+        (10.0,), "Joint acceleration limits in the order of `joints`, or one for all.", "rad/s2 or m/s2", 1e-3
+    )
+
+
+@dataclass(frozen=True)
+class TargetSettings(Group):
+    """How a stream of poses becomes a motion."""
+
+    prefix: ClassVar[str] = "target"
+    timeout_s: float = setting(0.5, "A stream silent for this long has ended; the arm holds the last pose.", "s", 0.02, 60.0)
+    max_age_s: float = setting(1.0, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.01, 60.0)
+    max_linear_speed: float = setting(1.0, "Fastest motion of the reference.", "m/s", 0.001, 10.0)
+    max_angular_speed: float = setting(2.5, "Fastest turn of the reference; implied rates above are jumps.", "rad/s", 0.001, 30.0)
+    max_linear_acceleration: float = setting(10.0, "Highest acceleration of the reference.", "m/s2", 0.01, 1000.0)
+    max_angular_acceleration: float = setting(25.0, "Highest angular acceleration of the reference.", "rad/s2", 0.01, 1000.0)
+    max_linear_jerk: float = setting(500.0, "Highest jerk of the reference.", "m/s3", 1.0, 1e5)
+    max_angular_jerk: float = setting(1000.0, "Highest angular jerk of the reference.", "rad/s3", 1.0, 1e5)
+
+
+@dataclass(frozen=True)
+class StateSettings(Group):
+    """Joint states and their supervision."""
+
+    prefix: ClassVar[str] = "state"
+    timeout_s: float = setting(0.1, "Without a joint state for this long the arm is stopped at once.", "s", 0.005, 10.0)
+    max_age_s: float = setting(0.1, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.001, 10.0)
+
+
+@dataclass(frozen=True)
+class RecordingSettings(Group):
+    """Recording of runs."""
+
+    prefix: ClassVar[str] = "recording"
+    enabled: bool = setting(False, "Record from configuration on.", read_only=True)
+    directory: str = setting("", "Folder of the recording; must not exist; default: ik_node_ and the time, here.", read_only=True)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All groups together; immutable."""
+
+    arm: ArmSettings = ArmSettings()
+    control: ControlSettings = ControlSettings()
+    limits: LimitSettings = LimitSettings()
+    target: TargetSettings = TargetSettings()
+    state: StateSettings = StateSettings()
+    recording: RecordingSettings = RecordingSettings()
+
+    def flat(self) -> dict[str, Value]:
+        """Parameter name -> value."""
+        return {name: getattr(group, entry.name) for name, group, entry in _walk(self)}
+
+    def with_values(self, values: Mapping[str, Any]) -> Settings:
+        """A copy with these parameters (by full name) changed.
+
+        Raises SettingsError naming the parameter: unknown (with the valid names), of the wrong type, or out of range.
+        """
+        places = {name: (group, entry) for name, group, entry in _walk(self)}
+        changed: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            if name not in places:
+                raise SettingsError(f"unknown parameter '{name}'; valid: {', '.join(sorted(places))}")
+            group, entry = places[name]
+            kept = tuple(value) if isinstance(entry.default, tuple) and not isinstance(value, str) else value
+            if isinstance(entry.default, float) and isinstance(value, int) and not isinstance(value, bool):
+                kept = float(value)
+            changed.setdefault(_attribute(group), {})[entry.name] = kept
+        groups = {attribute: dataclasses.replace(getattr(self, attribute), **new) for attribute, new in changed.items()}
+        return dataclasses.replace(self, **groups)
+
+
+def _attribute(group: Group) -> str:
+    return next(entry.name for entry in dataclasses.fields(Settings) if type(group) is type(entry.default))
+
+
+def _walk(settings: Settings) -> Iterator[tuple[str, Group, dataclasses.Field[Any]]]:
+    for group_entry in dataclasses.fields(settings):
+        group = getattr(settings, group_entry.name)
+        prefix = getattr(group, "prefix", "")
+        for entry in dataclasses.fields(group):
+            yield (f"{prefix}.{entry.name}" if prefix else entry.name), group, entry
+
+
+def describe() -> tuple[Descriptor, ...]:
+    """Every parameter in declaration order, for the node, the README table and the command lines."""
+    return tuple(Descriptor(name=name, default=entry.default, **entry.metadata) for name, _, entry in _walk(Settings()))

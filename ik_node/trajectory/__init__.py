@@ -1,0 +1,1 @@
+"""Targets as motions: poses and twists as functions of time."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Iterator
@@ -45,17 +46,18 @@ def robots_folder() -> Path:
 
 def _places() -> Iterator[Path]:
     inside = Path("share/example-robot-data/robots")
-    try:
+    with contextlib.suppress(metadata.PackageNotFoundError):
         yield Path(str(metadata.distribution("example-robot-data").locate_file("cmeel.prefix"))) / inside
-    except metadata.PackageNotFoundError:
-        pass
     for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix):
         if prefix:
             yield Path(prefix) / inside
 
 
 def find(name: str) -> Arm:
-    """The arm called ``name``: one of :data:`ARMS`, else the URDF of that file name; UnknownNameError with every name that works."""
+    """The arm called ``name``: one of :data:`ARMS`, else the URDF of that file name.
+
+    Raises UnknownNameError with every name that works.
+    """
     if name in ARMS:
         return ARMS[name]
     root = robots_folder()

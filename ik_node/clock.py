@@ -1,4 +1,4 @@
-"""Time as an argument: nothing below ``ros/`` and ``cli/`` looks at a clock, so that a replay gives the same bits as the run.
+"""Time as an argument: below ``ros/`` and ``cli/`` nothing looks at a clock, so that a replay gives the run's bits.
 
 All reasoning happens in monotonic nanoseconds. ROS stamps are only used to learn how old a message is.
 """
@@ -34,8 +34,8 @@ class Stamped(NamedTuple):
 def place(stamp_ns: int, now: Instant, max_age_ns: int, max_ahead_ns: int = 0) -> Stamped:
     """Places a header stamp on the monotonic clock.
 
-    A stamp of 0 means "now". A stamp older than ``max_age_ns`` or more than ``max_ahead_ns`` in the future is another machine's clock: arrival
-    counts instead, and the difference is handed back as ``skew_ns`` to be reported.
+    A stamp of 0 means "now". A stamp older than ``max_age_ns`` or more than ``max_ahead_ns`` in the future is another
+    machine's clock: arrival counts instead, and the difference is handed back as ``skew_ns`` to be reported.
     """
     if stamp_ns == 0:
         return Stamped(now.monotonic_ns, now.monotonic_ns, 0)

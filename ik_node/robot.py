@@ -1,7 +1,7 @@
 """The arm: a URDF reduced to the controlled joints, and what the controller wants to know of it at q.
 
-Angles go in and out as one number per joint, in the order of ``Robot.joints``, also where Pinocchio keeps a continuous joint as
-cosine and sine.
+Angles go in and out as one number per joint, in the order of ``Robot.joints``, also where Pinocchio keeps a continuous
+joint as cosine and sine.
 """
 
 from __future__ import annotations
@@ -55,17 +55,18 @@ class Robot:
     def __init__(
         self, urdf: str, base_frame: str = "", tip_frame: str = "", joints: tuple[str, ...] = (), joint_prefix: str = ""
     ) -> None:
-        """Reads ``urdf`` (text; its meshes are not needed) and holds every joint that is not in ``joints`` at its neutral position.
+        """Reads ``urdf`` (text, meshes not needed); joints that are not in ``joints`` stay at their neutral position.
 
-        ``joints`` defaults to every movable joint between base and tip, in chain order; ``tip_frame`` to the end of the longest chain.
-        ``joint_prefix`` stands before each model joint's name in :attr:`joints`. Raises RobotError (not a URDF, nothing to control, base moved
-        by controlled joints) and UnknownNameError.
+        ``joints`` defaults to every movable joint between base and tip, in chain order; ``tip_frame`` to the end of the
+        longest chain. ``joint_prefix`` stands before each model joint's name in :attr:`joints`. Raises UnknownNameError,
+        and RobotError when this is no URDF, there is nothing to control, or controlled joints move the base.
         """
         full = _read(urdf)
         self.base_frame = base_frame or _root_frame(full)
         _frame_id(full, self.base_frame)
         self.tip_frame = tip_frame or _longest_chain_tip(full)
-        model_joints = _select(full, self.base_frame, self.tip_frame, tuple(_strip(name, joint_prefix) for name in joints))
+        wanted = tuple(_strip(name, joint_prefix) for name in joints)
+        model_joints = _select(full, self.base_frame, self.tip_frame, wanted)
         held = [index for index in range(1, full.njoints) if full.names[index] not in model_joints]
         self.model = pin.buildReducedModel(full, held, pin.neutral(full))
         self.data = self.model.createData()
@@ -81,7 +82,9 @@ class Robot:
         self._configuration_index = np.array([index for index, _ in self._coordinates])
         self.continuous = np.array([nq == 2 for _, nq in self._coordinates])
         if self.model.frames[self._base_id].parentJoint != 0:
-            raise RobotError(f"base frame '{self.base_frame}' is moved by the controlled joints {', '.join(self.joints)}")
+            raise RobotError(
+                f"base frame '{self.base_frame}' is moved by the controlled joints {', '.join(self.joints)}"
+            )
         pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
         self._pose_base_root = self.data.oMf[self._base_id].inverse().homogeneous
         self.limits = self._read_limits()
@@ -167,7 +170,7 @@ def _read(urdf: str) -> Any:
 
 
 def _root_frame(model: Any) -> str:
-    return next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
+    return str(next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY))
 
 
 def _frame_id(model: Any, name: str) -> int:
@@ -182,7 +185,7 @@ def _longest_chain_tip(model: Any) -> str:
     """The last body of the first longest chain of movable joints."""
     depth = max(len(model.supports[frame.parentJoint]) for frame in model.frames)
     deepest = [frame for frame in model.frames if len(model.supports[frame.parentJoint]) == depth]
-    bodies = [f for f in deepest if f.type == pin.FrameType.BODY and f.parentJoint == deepest[0].parentJoint]
+    bodies: list[Any] = [f for f in deepest if f.type == pin.FrameType.BODY and f.parentJoint == deepest[0].parentJoint]
     return str(bodies[-1].name)
 
 
@@ -194,7 +197,8 @@ def _select(model: Any, base: str, tip: str, wanted: tuple[str, ...]) -> tuple[s
     chain = [index for index in tip_chain if index not in base_chain]
     below_base = [model.names[index] for index in base_chain if index not in tip_chain]
     if below_base:
-        raise RobotError(f"base frame '{base}' is not between the root and tip frame '{tip}': joints {', '.join(below_base)} move it")
+        moving = ", ".join(below_base)
+        raise RobotError(f"base frame '{base}' is not between the root and tip frame '{tip}': joints {moving} move it")
     movable = {model.names[index]: index for index in range(1, model.njoints)}
     for name in wanted:
         if name not in movable:
@@ -207,9 +211,12 @@ def _select(model: Any, base: str, tip: str, wanted: tuple[str, ...]) -> tuple[s
     for name in selected:
         joint = model.joints[movable[name]]
         if joint.nv != 1:
-            raise RobotError(f"joint '{name}' has {joint.nv} degrees of freedom; only joints with one can be controlled")
+            raise RobotError(
+                f"joint '{name}' has {joint.nv} degrees of freedom; only joints with one can be controlled"
+            )
         if movable[name] not in chain:
-            raise RobotError(f"joint '{name}' does not move tip frame '{tip}'; those that do: {', '.join(model.names[i] for i in chain)}")
+            moving = ", ".join(model.names[index] for index in chain)
+            raise RobotError(f"joint '{name}' does not move tip frame '{tip}'; those that do: {moving}")
     return selected
 
 

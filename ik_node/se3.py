@@ -1,8 +1,8 @@
 """Rigid motions: checked input, exponential, logarithm, adjoint.
 
-Poses are 4x4 arrays ``T_ab`` (frame {b} seen from {a}). Twists and wrenches are length-6 arrays, **linear part first** (v, omega), as
-Pinocchio and ROS have it. The lecture notes write the angular part first; :func:`angular_first` turns one into the other, and this is the
-only place that says so.
+Poses are 4x4 arrays ``T_ab`` (frame {b} seen from {a}). Twists and wrenches are length-6 arrays, **linear part first**
+(v, omega), as Pinocchio and ROS have it. The lecture notes write the angular part first; :func:`angular_first` turns
+one into the other, and this is the only place that says so.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def vector(values: ArrayLike, size: int, name: str) -> Array:
 def rotation_from_quaternion(xyzw: ArrayLike, name: str = "orientation") -> Array:
     """Rotation matrix (3, 3) of a quaternion x, y, z, w.
 
-    Normalised when its norm is within ``ROTATION_TOLERANCE`` of 1; InputError beyond (the zero quaternion among them) or when not finite.
+    Normalised when its norm is within ``ROTATION_TOLERANCE`` of 1; InputError beyond (zero too) or when not finite.
     """
     quaternion = vector(xyzw, 4, f"{name} quaternion")
     norm = float(np.sqrt(quaternion @ quaternion))
@@ -59,8 +59,8 @@ def quaternion_from_rotation(rotation: Array) -> Array:
 def checked_pose(matrix: ArrayLike, name: str = "pose") -> Array:
     """A copy of ``matrix`` (4, 4) as an exact rigid motion.
 
-    The rotation is projected onto SO(3) (nearest in the Frobenius norm) when within ``ROTATION_TOLERANCE`` of it; InputError beyond, when not
-    finite, of another shape, or when the last row is not 0 0 0 1.
+    The rotation is projected onto SO(3) (nearest in the Frobenius norm) when within ``ROTATION_TOLERANCE`` of it.
+    InputError beyond, when not finite, of another shape, or when the last row is not 0 0 0 1.
     """
     pose = np.array(matrix, dtype=np.float64)
     if pose.shape != (4, 4):
@@ -130,6 +130,6 @@ def adjoint(pose: Array) -> Array:
 
 
 def angular_first(twist: Any) -> Array:
-    """Swaps the halves along axis 0: (v, omega) -> (omega, v), and back; serves twists (6,), wrenches and Jacobians (6, n)."""
+    """Swaps the halves along axis 0, (v, omega) <-> (omega, v), of a twist or wrench (6,) or a Jacobian (6, n)."""
     array = np.asarray(twist, dtype=np.float64)
     return np.concatenate((array[3:], array[:3]))

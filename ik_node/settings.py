@@ -1,7 +1,8 @@
 """Every setting there is: default, unit, range and description, said once.
 
-The node declares its parameters from these classes, the command lines and the tests build them, a recording stores them. A group's field
-becomes the parameter ``group.field``; the fields of ``Settings.arm`` and ``Settings.control`` have no prefix.
+The node declares its parameters from these classes, command lines and tests build them, a recording stores them. A
+group's field becomes the parameter ``group.field``; the fields of ``Settings.arm`` and ``Settings.control`` have no
+prefix.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def _check(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> Non
         raise SettingsError(f"{name} is {value!r}; valid: {', '.join(about['choices'])}")
     low, high = about["minimum"], about["maximum"]
     for number in value if isinstance(value, tuple) else (value,):
-        if isinstance(number, str) or isinstance(number, bool):
+        if isinstance(number, (str, bool)):
             continue
         if not math.isfinite(number):
             raise SettingsError(f"{name} is {value!r}; expected finite numbers")
@@ -95,31 +96,51 @@ def _range(low: float | None, high: float | None) -> str:
 class ArmSettings(Group):
     """Which robot, and which part of it is controlled."""
 
-    robot: str = setting("", "Name of a robot in example-robot-data; ignored when robot_description is given.", read_only=True)
+    robot: str = setting(
+        "", "Name of a robot in example-robot-data; ignored when robot_description is given.", read_only=True
+    )
     robot_description: str = setting(
         "", "URDF as text; when this and `robot` are empty, the topic robot_description is waited for.", read_only=True
     )
     base_frame: str = setting("", "Frame {s} of poses; default: the root of the model.", read_only=True)
-    tip_frame: str = setting("", "Tool frame {b}; default: the robot's usual tool, else the end of the longest chain.", read_only=True)
-    joints: tuple[str, ...] = setting((), "Controlled joints in command order; default: every movable one between base and tip.", read_only=True)
-    joint_prefix: str = setting("", "Put before every joint name of the model when matching joint states.", read_only=True)
+    tip_frame: str = setting(
+        "", "Tool frame {b}; default: the robot's usual tool, else the end of the longest chain.", read_only=True
+    )
+    joints: tuple[str, ...] = setting(
+        (), "Controlled joints in command order; default: every movable one between base and tip.", read_only=True
+    )
+    joint_prefix: str = setting(
+        "", "Put before every joint name of the model when matching joint states.", read_only=True
+    )
 
 
 @dataclass(frozen=True)
 class ControlSettings(Group):
     """The control law."""
 
-    rate_hz: float = setting(500.0, "Highest tick rate; each tick is made by a joint state.", "Hz", 10.0, 2000.0, read_only=True)
+    rate_hz: float = setting(
+        500.0, "Highest tick rate; each tick is made by a joint state.", "Hz", 10.0, 2000.0, read_only=True
+    )
     min_rate_fraction: float = setting(0.3, "Joint states slower than this part of rate_hz are a fault.", "", 0.0, 1.0)
     method: str = setting("plain", "How joint velocities are chosen among those that give the twist.", choices=METHODS)
     gain_linear: float = setting(10.0, "K_p on the position error.", "1/s", 0.0, 200.0)
     gain_angular: float = setting(10.0, "K_p on the orientation error.", "1/s", 0.0, 200.0)
-    max_feedback_linear: float = setting(0.5, "Cap on the speed that feedback alone asks of the tool point.", "m/s", 0.001, 10.0)
-    max_feedback_angular: float = setting(1.5, "Cap on the turning rate that feedback alone asks of the tool.", "rad/s", 0.001, 30.0)
-    singularity_threshold: float = setting(
-        0.02, "Singular value of J_b, angular rows times characteristic_length, below which its direction fades out.", "m", 1e-6, 1.0
+    max_feedback_linear: float = setting(
+        0.5, "Cap on the speed that feedback alone asks of the tool point.", "m/s", 0.001, 10.0
     )
-    characteristic_length: float = setting(0.3, "Length that makes rotations comparable with translations.", "m", 1e-3, 10.0)
+    max_feedback_angular: float = setting(
+        1.5, "Cap on the turning rate that feedback alone asks of the tool.", "rad/s", 0.001, 30.0
+    )
+    singularity_threshold: float = setting(
+        0.02,
+        "Singular value of J_b (angular rows times characteristic_length) below which its direction fades.",
+        "m",
+        1e-6,
+        1.0,
+    )
+    characteristic_length: float = setting(
+        0.3, "Length that makes rotations comparable with translations.", "m", 1e-3, 10.0
+    )
 
 
 @dataclass(frozen=True)
@@ -127,7 +148,9 @@ class LimitSettings(Group):
     """What no command exceeds."""
 
     prefix: ClassVar[str] = "limits"
-    velocity: tuple[float, ...] = setting((), "Joint velocity limits in the order of `joints`; default: the URDF's.", "rad/s or m/s", 1e-4)
+    velocity: tuple[float, ...] = setting(
+        (), "Joint velocity limits in the order of `joints`; default: the URDF's.", "rad/s or m/s", 1e-4
+    )
     velocity_fraction: float = setting(1.0, "Part of the velocity limits that may be used.", "", 0.01, 1.0)
     acceleration: tuple[float, ...] = setting(
         (10.0,), "Joint acceleration limits in the order of `joints`, or one for all.", "rad/s2 or m/s2", 1e-3
@@ -139,12 +162,20 @@ class TargetSettings(Group):
     """How a stream of poses becomes a motion."""
 
     prefix: ClassVar[str] = "target"
-    timeout_s: float = setting(0.5, "A stream silent for this long has ended; the arm holds the last pose.", "s", 0.02, 60.0)
-    max_age_s: float = setting(1.0, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.01, 60.0)
+    timeout_s: float = setting(
+        0.5, "A stream silent for this long has ended; the arm holds the last pose.", "s", 0.02, 60.0
+    )
+    max_age_s: float = setting(
+        1.0, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.01, 60.0
+    )
     max_linear_speed: float = setting(1.0, "Fastest motion of the reference.", "m/s", 0.001, 10.0)
-    max_angular_speed: float = setting(2.5, "Fastest turn of the reference; implied rates above are jumps.", "rad/s", 0.001, 30.0)
+    max_angular_speed: float = setting(
+        2.5, "Fastest turn of the reference; implied rates above are jumps.", "rad/s", 0.001, 30.0
+    )
     max_linear_acceleration: float = setting(10.0, "Highest acceleration of the reference.", "m/s2", 0.01, 1000.0)
-    max_angular_acceleration: float = setting(25.0, "Highest angular acceleration of the reference.", "rad/s2", 0.01, 1000.0)
+    max_angular_acceleration: float = setting(
+        25.0, "Highest angular acceleration of the reference.", "rad/s2", 0.01, 1000.0
+    )
     max_linear_jerk: float = setting(500.0, "Highest jerk of the reference.", "m/s3", 1.0, 1e5)
     max_angular_jerk: float = setting(1000.0, "Highest angular jerk of the reference.", "rad/s3", 1.0, 1e5)
 
@@ -155,7 +186,9 @@ class StateSettings(Group):
 
     prefix: ClassVar[str] = "state"
     timeout_s: float = setting(0.1, "Without a joint state for this long the arm is stopped at once.", "s", 0.005, 10.0)
-    max_age_s: float = setting(0.1, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.001, 10.0)
+    max_age_s: float = setting(
+        0.1, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.001, 10.0
+    )
 
 
 @dataclass(frozen=True)
@@ -164,7 +197,9 @@ class RecordingSettings(Group):
 
     prefix: ClassVar[str] = "recording"
     enabled: bool = setting(False, "Record from configuration on.", read_only=True)
-    directory: str = setting("", "Folder of the recording; must not exist; default: ik_node_ and the time, here.", read_only=True)
+    directory: str = setting(
+        "", "Folder of the recording; must not exist; default: ik_node_ and the time, here.", read_only=True
+    )
 
 
 @dataclass(frozen=True)
@@ -215,4 +250,7 @@ def _walk(settings: Settings) -> Iterator[tuple[str, Group, dataclasses.Field[An
 
 def describe() -> tuple[Descriptor, ...]:
     """Every parameter in declaration order, for the node, the README table and the command lines."""
-    return tuple(Descriptor(name=name, default=entry.default, **entry.metadata) for name, _, entry in _walk(Settings()))
+    return tuple(
+        Descriptor(name=name, default=getattr(group, entry.name), **entry.metadata)
+        for name, group, entry in _walk(Settings())
+    )

@@ -1,4 +1,5 @@
-"""One control tick's outcome: what the command topic, the diagnostics, the recording, the report and the tests all read."""
+"""One control tick's outcome: what the command topic, the diagnostics, the recording, the report and the tests all
+read."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ class Status(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Everything one tick computed. Twists: linear part first. Arrays of a stopped tick may hold NaN where nothing was computed."""
+    """Everything one tick computed. Twists: linear part first. Arrays of a stopped tick may hold NaN where
+    nothing was computed."""
 
     tick: int
     """Counts from 0 at configuration."""

@@ -1,0 +1,17 @@
+"""What several tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parent.parent
+
+
+def shared_path(*parts: str) -> Path:
+    """A file of the folder `shared` beside the project; skips the test with a reason where it is absent."""
+    path = PROJECT.parent.joinpath("shared", *parts)
+    if not path.exists():
+        pytest.skip(f"needs shared/{'/'.join(parts)}, which is not beside this checkout")
+    return path

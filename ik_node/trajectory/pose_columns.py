@@ -1,0 +1,133 @@
+"""Which columns of a table are the position, the quaternion and the time, when nobody said so.
+
+Names decide where the file has them: ``x y z``, ``tx ty tz``, ``pos_x ...``, ``pose.position.x ...`` make a position,
+four names that end in w, x, y, z a quaternion of that order. Where it has none the number of columns decides.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from ik_node.errors import TrajectoryFileError
+from ik_node.trajectory.table import Table
+
+POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation")
+"""What stands before x, y, z in names of a position."""
+GOAL_WORDS = ("goal", "target", "desired", "command")
+"""A file with several poses most likely means the one of these to be followed."""
+TIME_WORDS = ("time", "timestamp", "stamp", "t", "ros", "log", "sec")
+"""Names of a time column, alone or with a unit behind them."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Unit -> seconds."""
+LAYOUTS: dict[int, tuple[bool, int, int]] = {2: (False, 2, 0), 3: (False, 3, 0), 7: (False, 3, 4), 8: (True, 3, 4)}
+"""Columns without names: whether the first is the time, how many make the position, how many the quaternion."""
+
+
+class Columns(NamedTuple):
+    """The columns of a pose; empty where the file has none."""
+
+    position: tuple[str, ...] = ()
+    quaternion: tuple[str, ...] = ()
+    order: str = ""
+    """Of the quaternion's columns, "xyzw" or "wxyz"; empty when names do not tell."""
+    time: str = ""
+    time_unit: str = ""
+
+
+def detect(table: Table, prefix: str = "") -> Columns:
+    """The columns of the pose whose names begin with ``prefix``.
+
+    Raises TrajectoryFileError when there is none, or when several are there and none is plainly the goal.
+    """
+    if not table.named:
+        return _by_count(table)
+    time, unit = _time(table.names)
+    candidates = _positions(tuple(name for name in table.names if name.startswith(prefix)))
+    if not candidates:
+        which = f" that begins with '{prefix}'" if prefix else ""
+        raise TrajectoryFileError(
+            f"{table.path.name}: no position x, y, z{which} among its columns; name them; "
+            f"there are: {', '.join(table.names)}"
+        )
+    if len(candidates) > 1:
+        goals = {root: found for root, found in candidates.items() if any(word in root.lower() for word in GOAL_WORDS)}
+        if len(goals) != 1:
+            listed = ", ".join(f"'{root}'" for root in candidates)
+            raise TrajectoryFileError(f"{table.path.name}: several positions; choose one by its prefix: {listed}")
+        candidates = goals
+    root, position = next(iter(candidates.items()))
+    quaternion, order = _quaternion(table.names, root)
+    return Columns(position, quaternion, order, time, unit)
+
+
+def quaternion_beside(table: Table, position: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """Columns and order of the quaternion whose names belong to those of ``position``; empty when there is none."""
+    if not table.named or not position or position[0] not in table.names:
+        return (), ""
+    return _quaternion(table.names, _root(position[0][:-1]))
+
+
+def named_time(table: Table) -> tuple[str, str]:
+    """Name and unit of the column of time; empty when no name tells."""
+    return _time(table.names) if table.named else ("", "")
+
+
+def time_unit(name: str) -> str:
+    """The unit that a time column's name ends in; empty when it does not."""
+    last = re.split(r"[^a-z]+", name.lower())[-1]
+    return last if last in TIME_UNITS and last != name.lower() else ""
+
+
+def _by_count(table: Table) -> Columns:
+    if len(table.names) not in LAYOUTS:
+        raise TrajectoryFileError(
+            f"{table.path.name} has {len(table.names)} columns without names; say which are the position (0, 1, 2, ...)"
+        )
+    timed, position, quaternion = LAYOUTS[len(table.names)]
+    names = table.names[1:] if timed else table.names
+    return Columns(names[:position], names[position : position + quaternion], "", table.names[0] if timed else "", "")
+
+
+def _positions(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Root -> the columns of a position, for names like root + "pos_" + x, y (and z)."""
+    found: dict[str, tuple[str, ...]] = {}
+    for name in names:
+        stem = name[:-1]
+        columns = tuple(stem + axis for axis in _axes(name, "xyz") if stem + axis in names)
+        is_quaternion = any(stem + axis in names for axis in _axes(name, "w"))
+        if name[-1] in "xX" and len(columns) >= 2 and not is_quaternion and _last_word(stem) in POSITION_WORDS:
+            found.setdefault(_root(stem), columns)
+    return found
+
+
+def _quaternion(names: tuple[str, ...], root: str) -> tuple[tuple[str, ...], str]:
+    for name in names:
+        stem = name[:-1]
+        columns = tuple(other for other in names if other[:-1] == stem and other[-1] in _axes(name, "wxyz"))
+        order = "".join(other[-1] for other in columns).lower()
+        if _root(stem) == root and sorted(order) == ["w", "x", "y", "z"]:
+            return tuple(stem + axis for axis in _axes(name, "xyzw")), "xyzw"
+    return (), ""
+
+
+def _axes(name: str, letters: str) -> tuple[str, ...]:
+    return tuple(letters.upper() if name[-1].isupper() else letters)
+
+
+def _time(names: tuple[str, ...]) -> tuple[str, str]:
+    for name in names:
+        words = re.split(r"[^a-z]+", name.lower())
+        if words[0] in TIME_WORDS and (len(words) == 1 or (len(words) == 2 and words[1] in TIME_UNITS)):
+            return name, time_unit(name)
+    return "", ""
+
+
+def _last_word(stem: str) -> str:
+    return re.split(r"[^a-z]+", stem.rstrip("_./- ").lower())[-1]
+
+
+def _root(stem: str) -> str:
+    """What stands before the last word: "goal_pos_" -> "goal_", "pose.position." -> "pose.", "t" -> ""."""
+    trimmed = stem.rstrip("_./- ")
+    return trimmed[: len(trimmed) - len(_last_word(stem))]

@@ -155,6 +155,21 @@ class LimitSettings(Group):
     acceleration: tuple[float, ...] = setting(
         (10.0,), "Joint acceleration limits in the order of `joints`, or one for all.", "rad/s2 or m/s2", 1e-3
     )
+    position_lower: tuple[float, ...] = setting(
+        (), "Lower position limits in the order of `joints`, or one for all; default: the URDF's.", "rad or m"
+    )
+    position_upper: tuple[float, ...] = setting(
+        (), "Upper position limits in the order of `joints`, or one for all; default: the URDF's.", "rad or m"
+    )
+    position_margin: float = setting(
+        0.0, "Distance kept from position limits, for arms that lag or measure with noise.", "rad or m", 0.0, 1.0
+    )
+    recovery_speed: float = setting(
+        0.1, "Speed at which a joint outside a position limit is brought back.", "rad/s or m/s", 1e-3, 10.0
+    )
+    hold_periods: float = setting(
+        5.0, "Longest time a command may stand, in control periods; limits hold for any time up to it.", "", 1.0, 100.0
+    )
 
 
 @dataclass(frozen=True)

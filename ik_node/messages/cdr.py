@@ -1,0 +1,134 @@
+"""Bytes of ROS 2 messages without ROS: the typestore of `rosbags`, and templates for messages of a fixed shape.
+
+What the node publishes at every tick differs from tick to tick in its stamp and its numbers only. The typestore
+serialises such a message once; :class:`Template` then puts new numbers in, about ten times faster and to the same bytes
+(a test compares both, and ROS's own serialiser).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from ik_node.clock import NS
+from ik_node.errors import InputError
+from ik_node.se3 import Array
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+"""Every message type of ROS 2 Jazzy's common interfaces."""
+
+LITTLE_ENDIAN = b"\x00\x01"
+"""First two bytes of a plain CDR message whose numbers have their low byte first."""
+_STAMP_OFFSET = 4  # a Header comes first in every stamped message, and its stamp first in the Header
+_STAMP_END = 12
+_SENTINEL = 1.0e-300 / 3.0  # a number that stands nowhere else in a template
+_stamp = struct.Struct("<iI")
+
+
+def make(type_name: str, **fields: Any) -> Any:
+    """A message of ``type_name`` (``std_msgs/msg/String``) with all fields given by keyword; stamps as ns."""
+    return STORE.types[type_name](**fields)
+
+
+def time_message(time_ns: int) -> Any:
+    """builtin_interfaces/Time of nanoseconds."""
+    seconds, nanoseconds = divmod(time_ns, NS)
+    return make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+
+
+def header(frame_id: str, stamp_ns: int = 0) -> Any:
+    """std_msgs/Header."""
+    return make("std_msgs/msg/Header", stamp=time_message(stamp_ns), frame_id=frame_id)
+
+
+def stamp_of(message: Any) -> int:
+    """Nanoseconds of the stamp in ``message.header``."""
+    return int(message.header.stamp.sec) * NS + int(message.header.stamp.nanosec)
+
+
+def serialize(message: Any) -> bytes:
+    """CDR bytes of any message of the typestore; deterministic, without trailing bytes."""
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=True))
+
+
+def deserialize(data: bytes, type_name: str) -> Any:
+    """The message in ``data``; InputError when the bytes are no ``type_name``."""
+    try:
+        return STORE.deserialize_cdr(data, type_name)
+    except (SerdeError, struct.error, ValueError, IndexError) as error:
+        raise InputError(f"bytes are no {type_name}: {error}") from error
+
+
+class Template:
+    """One message of which only the stamp and blocks of float64 change."""
+
+    def __init__(self, message: Any, block_sizes: tuple[int, ...], stamped: bool) -> None:
+        """``message`` holds :func:`blank` arrays of ``block_sizes`` in serialisation order."""
+        data = serialize(message)
+        self.stamped = stamped
+        self.parts: list[bytes] = []
+        begin = _STAMP_END if stamped else 0
+        for size in block_sizes:
+            place = data.index(blank(size).tobytes(), begin)
+            self.parts.append(data[begin:place])
+            begin = place + 8 * size
+        self.tail = data[begin:]
+        self._lead = data[:_STAMP_OFFSET]
+
+    def fill(self, stamp_ns: int, *blocks: bytes) -> bytes:
+        """The message with this stamp (ROS time; ignored when it has none) and these numbers (float64 bytes)."""
+        pieces = [self._lead, _stamp.pack(*divmod(stamp_ns, NS))] if self.stamped else []
+        for part, block in zip(self.parts, blocks, strict=True):
+            pieces.append(part)
+            pieces.append(block)
+        pieces.append(self.tail)
+        return b"".join(pieces)
+
+
+def blank(size: int) -> Array:
+    """Numbers that a :class:`Template` finds again."""
+    return np.full(size, _SENTINEL)
+
+
+class Cursor:
+    """Reads a little-endian CDR message from its start; struct.error or ValueError beyond its end."""
+
+    def __init__(self, data: bytes, offset: int = _STAMP_OFFSET) -> None:
+        self.data = data
+        self.offset = offset
+
+    def stamp(self) -> int:
+        """builtin_interfaces/Time as ns."""
+        seconds, nanoseconds = _stamp.unpack_from(self.data, self.offset)
+        self.offset += 8
+        return int(seconds) * NS + int(nanoseconds)
+
+    def count(self) -> int:
+        """A sequence's or string's length."""
+        self.offset += -self.offset % 4
+        (value,) = struct.unpack_from("<I", self.data, self.offset)
+        self.offset += 4
+        return int(value)
+
+    def string(self) -> str:
+        """A string, without its closing zero."""
+        length = self.count()
+        end = self.offset + length
+        if end > len(self.data):
+            raise ValueError("a string runs past the end")
+        text = self.data[self.offset : end - 1].decode()
+        self.offset = end
+        return text
+
+    def floats(self, size: int) -> Array:
+        """``size`` float64 numbers as an array of their own."""
+        if size == 0:
+            return np.empty(0)
+        self.offset += (4 - self.offset) % 8  # 8-byte alignment counts from behind the four bytes of encapsulation
+        values = np.frombuffer(self.data, "<f8", size, self.offset).astype(np.float64)
+        self.offset += 8 * size
+        return values

@@ -1,0 +1,80 @@
+"""Message bytes -> the plain inputs of the controller. Nothing is judged here: that is the controller's business."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.errors import InputError
+from ik_node.inputs import JointSample, PoseSample
+from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, stamp_of
+from ik_node.se3 import Array
+
+
+class _Head(NamedTuple):
+    """The part of a JointState that is the same in every message of a driver: frame and names."""
+
+    data: bytes
+    names: tuple[str, ...]
+
+
+_HEAD_BEGIN = 12
+_MAX_HEADS = 64
+_heads: dict[int, _Head] = {}  # message length -> last head seen; saves most of the work and never touches the result
+
+
+def decode_joint_state(data: bytes) -> JointSample:
+    """The sensor_msgs/JointState in ``data``; velocities and efforts are not read. InputError when it is none."""
+    if data[:2] != LITTLE_ENDIAN:
+        message = deserialize(data, "sensor_msgs/msg/JointState")
+        return JointSample(stamp_of(message), tuple(message.name), np.array(message.position, dtype=np.float64))
+    try:
+        cursor = Cursor(data)
+        stamp_ns = cursor.stamp()
+        known = _heads.get(len(data))
+        if known is not None and data.startswith(known.data, _HEAD_BEGIN):
+            names = known.names
+            cursor.offset = _HEAD_BEGIN + len(known.data)
+        else:
+            names = _read_names(cursor)
+        return JointSample(stamp_ns, names, cursor.floats(cursor.count()))
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no sensor_msgs/msg/JointState: {error}") from error
+
+
+def _read_names(cursor: Cursor) -> tuple[str, ...]:
+    cursor.string()
+    names = tuple(cursor.string() for _ in range(cursor.count()))
+    if len(_heads) >= _MAX_HEADS:
+        _heads.clear()
+    _heads[len(cursor.data)] = _Head(cursor.data[_HEAD_BEGIN : cursor.offset], names)
+    return names
+
+
+def decode_pose(data: bytes) -> PoseSample:
+    """The geometry_msgs/PoseStamped in ``data``; InputError when it is none."""
+    if data[:2] != LITTLE_ENDIAN:
+        message = deserialize(data, "geometry_msgs/msg/PoseStamped")
+        p, q = message.pose.position, message.pose.orientation
+        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+        return PoseSample(stamp_of(message), message.header.frame_id, position, quaternion)
+    try:
+        cursor = Cursor(data)
+        stamp_ns = cursor.stamp()
+        frame_id = cursor.string()
+        numbers = cursor.floats(7)
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no geometry_msgs/msg/PoseStamped: {error}") from error
+    return PoseSample(stamp_ns, frame_id, numbers[:3], numbers[3:])
+
+
+def decode_string(data: bytes) -> str:
+    """The text of the std_msgs/String in ``data``; InputError when it is none."""
+    return str(deserialize(data, "std_msgs/msg/String").data)
+
+
+def decode_command(data: bytes) -> Array:
+    """The numbers of the std_msgs/Float64MultiArray in ``data``, flat; InputError when it is none."""
+    return np.array(deserialize(data, "std_msgs/msg/Float64MultiArray").data, dtype=np.float64)

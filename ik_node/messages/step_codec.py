@@ -1,0 +1,273 @@
+"""The Step and the controller's calls as messages that open anywhere, and back again bit for bit.
+
+Three channels of a recording, all of standard types:
+
+``step`` (std_msgs/Float64MultiArray): one per tick. ``layout.dim`` names the slices of ``data`` one after the other
+(label, and size in numbers); labels are the fields of :class:`ik_node.step.Step`. A time is two numbers, whole seconds
+and the nanoseconds beyond them, since one float64 does not hold the nanoseconds of an epoch; poses are row by row.
+Status and names of binding limits are text: the slice ``texts`` holds the number of the text record that applies.
+
+``step/texts`` (diagnostic_msgs/DiagnosticStatus): written before the first step it applies to. Level, message = reason,
+and the values ``number``, ``mode`` and one ``binding`` per limit that bound.
+
+``calls`` (std_msgs/Int64MultiArray): every call of the controller, in order: kind, sequence of the input message on its
+topic (-1 where there is none), monotonic ns, ROS ns.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ik_node.clock import NS, Instant
+from ik_node.errors import RecordingError
+from ik_node.messages.cdr import Template, blank, deserialize, make, serialize
+from ik_node.se3 import Array
+from ik_node.step import Level, Mode, Status, Step
+
+STEP_TYPE = "std_msgs/msg/Float64MultiArray"
+TEXTS_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
+CALL_TYPE = "std_msgs/msg/Int64MultiArray"
+
+_HEAD = ("tick", "now_monotonic", "now_ros", "state_time", "texts")
+_HEAD_SIZES = (1, 2, 2, 2, 1)
+_head = struct.Struct("<8d")
+_call = struct.Struct("<4q")
+POSES = ("pose_sb", "pose_sd")
+"""Slices that are 4 by 4 matrices."""
+NUMBERS = ("scale", "clearance")
+"""Slices that are single numbers in a Step."""
+ARRAYS = (
+    "joint_position",
+    "joint_velocity",
+    "pose_sb",
+    "pose_sd",
+    "error_b",
+    "feedforward_b",
+    "twist_b",
+    "lost_b",
+    "multiplier_task",
+    "multiplier_potential",
+    "singular_values",
+)
+"""Fields of a Step that are arrays, in the order in which they stand in a message."""
+
+
+class CallKind(IntEnum):
+    """What was called; the names are those of the controller's methods."""
+
+    ON_JOINT_STATE = 1
+    ON_TARGET_POSE = 2
+    ON_CLOCK = 3
+    PAUSE = 4
+    RESUME = 5
+    RESET = 6
+    APPLY = 7
+
+
+class Call(NamedTuple):
+    """One call of the controller."""
+
+    kind: CallKind
+    sequence: int
+    """Of the message that was passed in, among those of its topic; -1 where the call takes none."""
+    now: Instant
+
+
+class StepMessages(NamedTuple):
+    """What one Step adds to a recording."""
+
+    texts: bytes | None
+    """For the channel ``step/texts``, before ``step``; None when it is the same as at the last tick."""
+    step: bytes
+
+
+class StepEncoder:
+    """Steps -> messages. Holds the last texts, so that they are written only when they change."""
+
+    def __init__(self, name: str, n: int) -> None:
+        """``name`` of the node, for people; ``n`` joints."""
+        self._name = name
+        self._template = _step_template(n)
+        self._size = 8 * _array_size(n)
+        self._number = -1
+        self._last: tuple[Status, tuple[str, ...]] | None = None
+
+    def repeat_texts(self) -> None:
+        """The last text record was lost: the next Step brings its own."""
+        self._last = None
+
+    def encode(self, step: Step) -> StepMessages:
+        """The messages of ``step``."""
+        texts = None
+        if (step.status, step.binding) != self._last:
+            self._last = (step.status, step.binding)
+            self._number += 1
+            texts = encode_texts(self._name, self._number, step.status, step.binding)
+        now = step.now
+        head = _head.pack(
+            step.tick,
+            *divmod(now.monotonic_ns, NS),
+            *divmod(now.ros_ns, NS),
+            *divmod(step.state_time_ns, NS),
+            self._number,
+        )
+        arrays = b"".join(
+            (
+                step.joint_position.tobytes(),
+                step.joint_velocity.tobytes(),
+                step.pose_sb.tobytes(),
+                step.pose_sd.tobytes(),
+                step.error_b.tobytes(),
+                step.feedforward_b.tobytes(),
+                step.twist_b.tobytes(),
+                step.lost_b.tobytes(),
+                step.multiplier_task.tobytes(),
+                step.multiplier_potential.tobytes(),
+                step.singular_values.tobytes(),
+                struct.pack("<2d", step.scale, step.clearance),
+            )
+        )
+        if len(arrays) != self._size:
+            raise RecordingError(f"Step holds {len(arrays)} bytes of numbers, expected {self._size}")
+        return StepMessages(texts, self._template.fill(0, head + arrays))
+
+
+class Texts(NamedTuple):
+    """A text record."""
+
+    number: int
+    status: Status
+    binding: tuple[str, ...]
+
+
+class StepDecoder:
+    """Messages -> Steps; feed both channels in the order of the recording."""
+
+    def __init__(self) -> None:
+        self._texts: Texts | None = None
+        self._prefix = b""
+        self._slices: dict[str, slice] = {}
+
+    def texts(self, data: bytes) -> None:
+        """Takes a message of ``step/texts``."""
+        self._texts = decode_texts(data)
+
+    def step(self, data: bytes) -> Step:
+        """The Step of a message of ``step``.
+
+        Raises RecordingError when the bytes are none, or when its text record is not the last one that was taken.
+        """
+        if not self._prefix or not data.startswith(self._prefix):
+            self._prefix, self._slices = read_layout(data)
+        numbers = np.frombuffer(data, "<f8", offset=len(self._prefix)).astype(np.float64)
+        part = {label: numbers[place] for label, place in self._slices.items()}
+        number = int(part["texts"][0])
+        if self._texts is None or self._texts.number != number:
+            raise RecordingError(f"text record {number} of a Step is missing")
+        fields: dict[str, Any] = {name: part[name].copy() for name in ARRAYS}
+        fields.update({name: fields[name].reshape(4, 4) for name in POSES})
+        fields.update({name: float(part[name][0]) for name in NUMBERS})
+        return Step(
+            tick=int(part["tick"][0]),
+            now=Instant(_time(part["now_monotonic"]), _time(part["now_ros"])),
+            state_time_ns=_time(part["state_time"]),
+            binding=self._texts.binding,
+            status=self._texts.status,
+            **fields,
+        )
+
+
+def read_layout(data: bytes) -> tuple[bytes, dict[str, slice]]:
+    """The bytes before the numbers of a ``step`` message, and the slice of the numbers behind each label."""
+    message = deserialize(data, STEP_TYPE)
+    sizes = {str(dim.label): int(dim.size) for dim in message.layout.dim}
+    missing = [label for label in (*_HEAD, *ARRAYS, *NUMBERS) if label not in sizes]
+    if missing:
+        raise RecordingError(f"Step message without the slices {', '.join(missing)}; it has: {', '.join(sizes)}")
+    slices, begin = {}, 0
+    for label, size in sizes.items():
+        slices[label] = slice(begin, begin + size)
+        begin += size
+    if begin != len(message.data):
+        raise RecordingError(f"Step message holds {len(message.data)} numbers; its layout says {begin}")
+    return data[: len(data) - 8 * begin], slices
+
+
+def encode_texts(name: str, number: int, status: Status, binding: tuple[str, ...]) -> bytes:
+    """The message of one text record."""
+    pairs = [("number", str(number)), ("mode", status.mode.value), *(("binding", limit) for limit in binding)]
+    message = make(
+        TEXTS_TYPE,
+        level=status.level.value,
+        name=name,
+        message=status.reason,
+        hardware_id="",
+        values=[make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in pairs],
+    )
+    return serialize(message)
+
+
+def decode_texts(data: bytes) -> Texts:
+    """The text record in a message of ``step/texts``."""
+    message = deserialize(data, TEXTS_TYPE)
+    values = [(str(pair.key), str(pair.value)) for pair in message.values]
+    single = dict(values)
+    try:
+        status = Status(Level(int(message.level)), Mode(single["mode"]), str(message.message))
+        return Texts(int(single["number"]), status, tuple(value for key, value in values if key == "binding"))
+    except (KeyError, ValueError) as error:
+        raise RecordingError(f"text record of a Step cannot be read: {error}") from error
+
+
+def encode_call(call: Call) -> bytes:
+    """The message of one call."""
+    return _CALL_TEMPLATE.fill(0, _call.pack(call.kind, call.sequence, *call.now))
+
+
+def decode_call(data: bytes) -> Call:
+    """The call in a message of ``calls``; RecordingError when the kind is unknown."""
+    values = np.frombuffer(data, "<i8", offset=len(data) - _call.size) if len(data) > _call.size else np.empty(0, int)
+    try:
+        kind, sequence, monotonic_ns, ros_ns = values.tolist()
+        return Call(CallKind(kind), sequence, Instant(monotonic_ns, ros_ns))
+    except ValueError as error:
+        raise RecordingError(f"call record cannot be read: {error}") from error
+
+
+def _time(parts: Array) -> int:
+    return int(parts[0]) * NS + int(parts[1])
+
+
+def _sizes(n: int) -> dict[str, int]:
+    joint = dict.fromkeys(("joint_position", "joint_velocity"), n)
+    other = dict.fromkeys(POSES, 16) | {"singular_values": min(6, n)}
+    return {name: joint.get(name, other.get(name, 6)) for name in ARRAYS}
+
+
+def _array_size(n: int) -> int:
+    return sum(_sizes(n).values()) + len(NUMBERS)
+
+
+def _dimension(label: str, size: int) -> object:
+    return make("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=size)
+
+
+def _step_template(n: int) -> Template:
+    sizes = dict(zip(_HEAD, _HEAD_SIZES, strict=True)) | _sizes(n) | dict.fromkeys(NUMBERS, 1)
+    dimensions = [_dimension(label, size) for label, size in sizes.items()]
+    total = sum(sizes.values())
+    layout = make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0)
+    return Template(make(STEP_TYPE, layout=layout, data=blank(total)), (total,), stamped=False)
+
+
+def _call_template() -> Template:
+    label = "kind, sequence, monotonic_ns, ros_ns"
+    layout = make("std_msgs/msg/MultiArrayLayout", dim=[_dimension(label, 4)], data_offset=0)
+    return Template(make(CALL_TYPE, layout=layout, data=blank(4).view(np.int64)), (4,), stamped=False)
+
+
+_CALL_TEMPLATE = _call_template()

@@ -1,0 +1,86 @@
+"""Steps and runs that no controller made: every field filled, the awkward values too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ik_node import catalogue, se3
+from ik_node.clock import NS, Instant
+from ik_node.robot import Robot
+from ik_node.se3 import Array
+from ik_node.settings import ArmSettings
+from ik_node.step import Level, Mode, Status, Step
+
+ROS_START_NS = 1_700_000_000_123_456_789
+TRACKING = Status(Level.OK, Mode.TRACKING, "following target_pose")
+STOPPED = Status(Level.ERROR, Mode.STOPPED, "no joint state for 0.1 s: überprüfen")
+
+
+def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> Step:
+    """A Step of random numbers; the same arguments give the same bits."""
+    rng = np.random.default_rng((seed, tick, n))
+    monotonic_ns = 3 * NS + 7 + tick * period_ns
+    twists = [rng.normal(size=6) for _ in range(4)]
+    twists[3][:] = -0.0
+    binding = ("velocity panda_joint4", "position panda_joint2") if tick % 5 == 3 else ()
+    return Step(
+        tick=tick,
+        now=Instant(monotonic_ns, ROS_START_NS + tick * period_ns),
+        state_time_ns=monotonic_ns - 123_457,
+        joint_position=rng.normal(size=n),
+        joint_velocity=rng.normal(size=n) * 1e-3,
+        pose_sb=se3.exp(rng.normal(size=6)),
+        pose_sd=se3.exp(rng.normal(size=6)),
+        error_b=twists[0],
+        feedforward_b=twists[1],
+        twist_b=twists[2],
+        lost_b=twists[3],
+        scale=float(rng.uniform()),
+        multiplier_task=rng.normal(size=6),
+        multiplier_potential=np.full(6, 5e-324),
+        singular_values=np.sort(rng.uniform(size=min(6, n)))[::-1].copy(),
+        binding=binding,
+        clearance=float(rng.uniform()) if tick % 2 else float("nan"),
+        status=TRACKING,
+    )
+
+
+def stopped_step(tick: int, n: int) -> Step:
+    """A Step of a stopped tick: zeros commanded, nothing computed."""
+    step = made_step(tick, n)
+    nan = float("nan")
+    nothing: dict[str, Any] = {
+        name: np.full_like(value, nan)
+        for name, value in step._asdict().items()
+        if isinstance(value, np.ndarray) and name not in ("joint_position", "joint_velocity")
+    }
+    return step._replace(joint_velocity=np.zeros(n), scale=nan, clearance=nan, status=STOPPED, binding=(), **nothing)
+
+
+def same_bits(first: object, second: object) -> bool:
+    """Equal to the last bit: NaN equals NaN, -0.0 is not 0.0."""
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(map(same_bits, first, second))
+    if isinstance(first, (np.ndarray, float)) and isinstance(second, (np.ndarray, float)):
+        one, two = np.asarray(first), np.asarray(second)
+        return one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes()
+    return type(first) is type(second) and first == second
+
+
+def panda() -> Robot:
+    """The arm of most tests."""
+    return catalogue.robot_from(ArmSettings(robot="panda"))
+
+
+def steps(count: int, n: int = 7) -> list[Step]:
+    """Steps of a run; a few in the middle are stopped."""
+    return [
+        stopped_step(tick, n) if count // 2 <= tick < count // 2 + 3 else made_step(tick, n) for tick in range(count)
+    ]
+
+
+def quaternion_of(pose: Array) -> Array:
+    """x, y, z, w."""
+    return se3.quaternion_from_rotation(pose[:3, :3])

@@ -215,6 +215,17 @@ class RecordingSettings(Group):
     directory: str = setting(
         "", "Folder of the recording; must not exist; default: ik_node_ and the time, here.", read_only=True
     )
+    compression: str = setting(
+        "zstd", "How chunks of a recording are compressed.", choices=("none", "lz4", "zstd"), read_only=True
+    )
+    flush_period_s: float = setting(
+        0.1, "How often messages go to the file: what a killed process loses.", "s", 0.01, 0.2, read_only=True
+    )
+    queue_mb: float = setting(
+        32.0, "Memory for messages that wait for the disk; further ones are dropped.", "MB", 0.1, 4096.0, read_only=True
+    )
+    max_part_mb: float = setting(0.0, "Size at which a new file is begun; 0: never.", "MB", 0.0, 1e6, read_only=True)
+    max_part_s: float = setting(0.0, "Duration at which a new file is begun; 0: never.", "s", 0.0, 1e6, read_only=True)
 
 
 @dataclass(frozen=True)

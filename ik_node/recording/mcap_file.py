@@ -1,0 +1,276 @@
+"""One MCAP file as rosbag2 writes it, chunk by chunk.
+
+The `mcap` library packs every message in Python, in whichever thread calls it. Here a message is packed once, where it
+is queued, and a chunk is then joined, checked, compressed and written by C code that lets go of the interpreter: the
+thread that writes hardly ever stands in the way of the control loop. All other records are the library's.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+PROFILE = "ros2"
+_message = struct.Struct("<BQHIQQ")
+_message_index = struct.Struct("<BQHI")
+_MESSAGE_FIXED = 22  # channel, sequence, log time, publish time
+MAX_TIME_NS = 2**63 - 1  # readers hold times as signed numbers
+
+COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
+    "none": lambda data: data,
+    "lz4": lambda data: bytes(lz4.frame.compress(data)),
+    "zstd": lambda data: zstandard.compress(data, 1),
+}
+"""Name -> what turns a chunk into its compressed form."""
+
+
+class PendingChunk:
+    """Messages on their way to the file, packed. Filled by one thread, then handed to another."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        """Bytes of all records."""
+        self.count = 0
+        self._pieces: list[bytes] = []
+        self._index: dict[int, array[int]] = {}
+
+    def add(self, channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
+        """Appends a message record."""
+        index = self._index.get(channel)
+        if index is None:
+            index = self._index[channel] = array("Q")
+        index.extend((log_time_ns, self.size))
+        length = len(data)
+        self._pieces.append(
+            _message.pack(Opcode.MESSAGE, _MESSAGE_FIXED + length, channel, sequence, log_time_ns, publish_time_ns)
+        )
+        self._pieces.append(data)
+        self.size += _message.size + length
+        self.count += 1
+
+    def records(self) -> bytes:
+        """All message records, one after the other."""
+        return b"".join(self._pieces)
+
+    def index(self) -> dict[int, array[int]]:
+        """Channel -> log time, offset, log time, offset, ..."""
+        return self._index
+
+    def span(self) -> tuple[int, int]:
+        """Lowest and highest log time; the chunk must not be empty."""
+        times = [(min(entries[::2]), max(entries[::2])) for entries in self._index.values()]
+        return min(low for low, _ in times), max(high for _, high in times)
+
+
+@dataclass
+class Content:
+    """What a file holds so far."""
+
+    schemas: list[Schema] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+    start_ns: int = MAX_TIME_NS
+    end_ns: int = 0
+
+    @property
+    def message_count(self) -> int:
+        """Messages on all channels."""
+        return sum(self.counts.values())
+
+
+class ChannelInfo(NamedTuple):
+    """What a file must say of a topic."""
+
+    topic: str
+    type_name: str
+    definition: str
+    metadata: Mapping[str, str]
+
+
+class McapFile:
+    """A file being written; OSError from any method is the caller's to deal with."""
+
+    def __init__(self, path: Path, library: str, compression: str) -> None:
+        """Creates ``path``, which must not exist; ``compression`` is a key of :data:`COMPRESSORS`."""
+        self.path = path
+        self.content = Content()
+        self._compression = "" if compression == "none" else compression
+        self._compress = COMPRESSORS[compression]
+        self._file = path.open("xb", buffering=0)
+        self.size = 0
+        self._put(MAGIC + _packed(Header(PROFILE, library)))
+
+    def add_channel(self, info: ChannelInfo) -> None:
+        """The channel's id is its running number, from 1."""
+        content = self.content
+        schema = next((entry for entry in content.schemas if entry.name == info.type_name), None)
+        records = b""
+        if schema is None:
+            schema = Schema(
+                id=len(content.schemas) + 1, name=info.type_name, encoding="ros2msg", data=info.definition.encode()
+            )
+            content.schemas.append(schema)
+            records = _packed(schema)
+        channel = Channel(
+            id=len(content.channels) + 1,
+            topic=info.topic,
+            message_encoding="cdr",
+            schema_id=schema.id,
+            metadata=dict(info.metadata),
+        )
+        content.channels.append(channel)
+        content.counts[channel.id] = 0
+        self._put(records + _packed(channel))
+
+    def add_chunk(self, pending: PendingChunk) -> None:
+        """Writes the chunk and its message indexes in one go; an empty one is left out."""
+        if not pending.count:
+            return
+        records = pending.records()
+        start_ns, end_ns = pending.span()
+        data = self._compress(records)
+        chunk = _packed(
+            Chunk(
+                compression=self._compression,
+                data=data,
+                message_start_time=start_ns,
+                message_end_time=end_ns,
+                uncompressed_crc=zlib.crc32(records),
+                uncompressed_size=len(records),
+            )
+        )
+        begin = self.size
+        offsets: dict[int, int] = {}
+        pieces = [chunk]
+        offset = begin + len(chunk)
+        for channel, entries in pending.index().items():
+            piece = _index_record(channel, entries)
+            offsets[channel] = offset
+            offset += len(piece)
+            pieces.append(piece)
+        self._put(b"".join(pieces))
+        content = self.content
+        for channel, entries in pending.index().items():
+            content.counts[channel] += len(entries) // 2
+        content.start_ns, content.end_ns = min(content.start_ns, start_ns), max(content.end_ns, end_ns)
+        content.chunks.append(
+            ChunkIndex(
+                chunk_length=len(chunk),
+                chunk_start_offset=begin,
+                compression=self._compression,
+                compressed_size=len(data),
+                message_end_time=end_ns,
+                message_index_length=offset - begin - len(chunk),
+                message_index_offsets=offsets,
+                message_start_time=start_ns,
+                uncompressed_size=len(records),
+            )
+        )
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """A metadata record."""
+        record = _packed(Metadata(name=name, metadata=dict(values)))
+        self.content.metadata.append(MetadataIndex(offset=self.size, length=len(record), name=name))
+        self._put(record)
+
+    def finish(self) -> None:
+        """Writes summary and footer, and closes."""
+        self._put(_packed(DataEnd(0)))
+        self._put(_summary(self.content, self.size) + MAGIC)
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Closes without a summary."""
+        self._file.close()
+
+    def _put(self, data: bytes) -> None:
+        """All or nothing: what a full disk cut off is taken back, so that the file ends with a whole record."""
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[self._file.write(view) or 0 :]
+        except OSError:
+            self._file.truncate(self.size)
+            self._file.seek(self.size)
+            raise
+        self.size += len(data)
+
+
+def _packed(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def _index_record(channel: int, entries: array[int]) -> bytes:
+    size = 8 * len(entries)
+    return _message_index.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size) + entries.tobytes()
+
+
+def _summary(content: Content, begin: int) -> bytes:
+    """Schemas, channels, statistics, indexes and the footer, for a summary section that begins at ``begin``."""
+    statistics = Statistics(
+        attachment_count=0,
+        channel_count=len(content.channels),
+        channel_message_counts=dict(content.counts),
+        chunk_count=len(content.chunks),
+        message_count=content.message_count,
+        message_end_time=content.end_ns,
+        message_start_time=content.start_ns if content.message_count else 0,
+        metadata_count=len(content.metadata),
+        schema_count=len(content.schemas),
+    )
+    groups: list[tuple[int, list[McapRecord]]] = [
+        (Opcode.SCHEMA, [*content.schemas]),
+        (Opcode.CHANNEL, [*content.channels]),
+        (Opcode.STATISTICS, [statistics]),
+        (Opcode.CHUNK_INDEX, [*content.chunks]),
+        (Opcode.METADATA_INDEX, [*content.metadata]),
+    ]
+    builder = RecordBuilder()
+    offsets: list[SummaryOffset] = []
+    for opcode, records in groups:
+        start = builder.count
+        for record in records:
+            record.write(builder)
+        if records:
+            offsets.append(
+                SummaryOffset(group_opcode=opcode, group_start=begin + start, group_length=builder.count - start)
+            )
+    offset_start = begin + builder.count
+    for entry in offsets:
+        entry.write(builder)
+    summary = bytes(builder.end())  # type: ignore[no-untyped-call]
+    opening = struct.pack("<BQQQ", Opcode.FOOTER, 20, begin, offset_start)
+    crc = zlib.crc32(opening, zlib.crc32(summary))
+    return summary + _packed(Footer(summary_crc=crc, summary_offset_start=offset_start, summary_start=begin))
+
+
+__all__ = ["COMPRESSORS", "MAGIC", "ChannelInfo", "Content", "McapFile", "PendingChunk"]

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ik_node.errors import RobotError, UnknownNameError
+from ik_node.robot import Robot
+from ik_node.settings import ArmSettings
 
 
 class Arm(NamedTuple):
@@ -70,3 +72,19 @@ def find(name: str) -> Arm:
 def read_urdf(arm: Arm) -> str:
     """The URDF of ``arm`` as text."""
     return (robots_folder() / arm.urdf).read_text()
+
+
+def robot_from(arm: ArmSettings, described: str = "") -> Robot:
+    """The robot that ``arm`` names; ``described`` is a URDF that came on the topic robot_description.
+
+    The parameter robot_description goes before ``robot``, and both before the topic. Raises RobotError when there is
+    neither, and as :class:`ik_node.robot.Robot` and :func:`find` do.
+    """
+    urdf, base_frame, tip_frame = arm.robot_description or described, arm.base_frame, arm.tip_frame
+    if arm.robot and not arm.robot_description:
+        known = find(arm.robot)
+        urdf = read_urdf(known)
+        base_frame, tip_frame = base_frame or known.base_frame, tip_frame or known.tip_frame
+    if not urdf:
+        raise RobotError("no robot: set `robot` or `robot_description`, or publish the topic robot_description")
+    return Robot(urdf, base_frame, tip_frame, arm.joints, arm.joint_prefix)

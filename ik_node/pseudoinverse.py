@@ -127,6 +127,18 @@ def pseudoinverse(matrix: ArrayLike, *, rcond: float | None = None, damping: flo
     return Pseudoinverse(result, parts.rank, sigma, parts.cutoff, kind)
 
 
+def apply(matrix: Array, right: Array, *, cutoff: float = 0.0, damping: float = 0.0) -> tuple[Array, int]:
+    """J^+ ``right`` and the rank of ``matrix`` J (m, n), without forming J^+; for use in an iteration, unchecked.
+
+    Singular values up to ``cutoff`` (absolute; rounding at least) are left out; ``damping`` as in :func:`pseudoinverse`.
+    """
+    u, sigma, vt, _, rounding = decompose(matrix, "jacobian")
+    rank = int(np.count_nonzero(sigma > max(cutoff, rounding)))
+    kept = sigma[:rank]
+    scaled = (u[:, :rank].T @ right) * (kept / (kept * kept + damping * damping) if damping else 1.0 / kept)
+    return scaled @ vt[:rank], rank
+
+
 def weighted_pseudoinverse(matrix: ArrayLike, weight: ArrayLike, *, rcond: float | None = None) -> Pseudoinverse:
     """J_W^+ of ``matrix`` J (m, n) with ``weight`` W (n, n): among the qd that come closest to J qd = V it picks the
     one of least qd' W qd.

@@ -58,8 +58,9 @@ class Robot:
         """Reads ``urdf`` (text, meshes not needed); joints that are not in ``joints`` stay at their neutral position.
 
         ``joints`` defaults to every movable joint between base and tip, in chain order; ``tip_frame`` to the end of the
-        longest chain. ``joint_prefix`` stands before each model joint's name in :attr:`joints`. Raises UnknownNameError,
-        and RobotError when this is no URDF, there is nothing to control, or controlled joints move the base.
+        longest chain. ``joint_prefix`` stands before each model joint's name in :attr:`joints`. Raises
+        UnknownNameError, and RobotError when this is no URDF, there is nothing to control, or controlled joints move
+        the base.
         """
         full = _read(urdf)
         self.base_frame = base_frame or _root_frame(full)
@@ -72,6 +73,7 @@ class Robot:
         self.data = self.model.createData()
         self.urdf = urdf
         self.joints = tuple(joint_prefix + name for name in model_joints)
+        self._model_joints = model_joints
         self._base_id = _frame_id(self.model, self.base_frame)
         self._tip_id = _frame_id(self.model, self.tip_frame)
         model_ids = [self.model.getJointId(name) for name in model_joints]
@@ -81,6 +83,7 @@ class Robot:
         self._plain = all(nq == 1 for _, nq in self._coordinates)
         self._configuration_index = np.array([index for index, _ in self._coordinates])
         self.continuous = np.array([nq == 2 for _, nq in self._coordinates])
+        self.turning = np.array([self.model.joints[index].shortname().startswith("JointModelR") for index in model_ids])
         if self.model.frames[self._base_id].parentJoint != 0:
             raise RobotError(
                 f"base frame '{self.base_frame}' is moved by the controlled joints {', '.join(self.joints)}"
@@ -154,6 +157,12 @@ class Robot:
         placement = pin.updateFramePlacement(self.model, self.data, frame_id)
         result: Array = self._pose_base_root @ placement.homogeneous
         return result
+
+    def joint_origins(self, q: Array) -> Array:
+        """Where the controlled joints are at q (n,), seen from the base frame, (n, 3), m."""
+        pin.forwardKinematics(self.model, self.data, self._configuration(q))
+        points = np.array([self.data.oMi[self.model.getJointId(name)].translation for name in self._model_joints])
+        return np.asarray(points @ self._pose_base_root[:3, :3].T + self._pose_base_root[:3, 3])
 
     def difference(self, q_from: Array, q_to: Array) -> Array:
         """``q_to - q_from``, the short way round where a joint has no limits."""

@@ -73,7 +73,7 @@ class Step(NamedTuple):
     lost_b: Array
     """V - V_f: what a singularity took out of V, (6,), in {b}."""
     scale: float
-    """s in [0, 1]: the part of V_f that the limits let through."""
+    """s in [0, 1]: the part of V_f that the limits let through; NaN where no law was at work."""
     multiplier_task: Array
     """First term of lambda, (6,): task-space momentum, N s for a mass-weighted method; not a force."""
     multiplier_potential: Array

@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""Sets up an environment of the project's own in .venv, with pinned versions, and runs something in it.
+
+    python3 bootstrap.py demo [options of ik_demo]    node, simulated robot, trajectory, recording, report
+    python3 bootstrap.py test [options of pytest]     linters, type checks and tests
+    python3 bootstrap.py ik_report BAG ...            any executable of the project
+
+Needs Python 3.10 to 3.13 and nothing else. With a real ROS 2 Jazzy use colcon instead; the README shows how.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+BIN = VENV / "bin"
+SUPPORTED = ((3, 10), (3, 13))
+RUNTIME = ROOT / "requirements.txt"
+TESTS = ROOT / "requirements-test.txt"
+ROS_WHEEL_VARIABLES = ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME")
+"""Left behind by another environment's Python, these would keep ours from finding its own libraries."""
+
+
+def python_version(python: str) -> tuple[int, int] | None:
+    """Version of an interpreter; None when it does not run, as a version manager's shim may not."""
+    question = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
+    try:
+        answer = subprocess.run([python, "-c", question], capture_output=True, text=True, timeout=60, check=True)
+        major, minor = answer.stdout.split()
+    except (OSError, subprocess.SubprocessError, ValueError):
+        return None
+    return int(major), int(minor)
+
+
+def choose_python() -> str:
+    """The interpreter that runs this, if it is supported, else the first one on PATH that is."""
+    for python in (sys.executable, "python3.12", "python3.13", "python3.11", "python3.10", "python3"):
+        version = python_version(python)
+        if version is not None and SUPPORTED[0] <= version <= SUPPORTED[1]:
+            return python
+    sys.exit("error: needs Python 3.10 to 3.13 with its venv module (Debian: apt install python3-venv)")
+
+
+def environment() -> dict[str, str]:
+    """The caller's environment, without another environment's Python in it."""
+    kept = {name: value for name, value in os.environ.items() if name not in ROS_WHEEL_VARIABLES}
+    kept["PATH"] = f"{BIN}{os.pathsep}{kept.get('PATH', '')}"
+    kept["AMENT_PREFIX_PATH"] = str(VENV)
+    kept["VIRTUAL_ENV"] = str(VENV)
+    kept.setdefault("ROS_LOG_DIR", str(VENV / "log"))
+    return kept
+
+
+def set_up(requirements: list[Path]) -> None:
+    """Installs ``requirements`` and the project (in place) into .venv; does nothing when that was done before."""
+    wanted = "".join(path.read_text() for path in [*requirements, ROOT / "setup.py"])
+    digest = hashlib.sha256(wanted.encode()).hexdigest()
+    stamp = VENV / f"installed-{len(requirements)}"
+    if stamp.is_file() and stamp.read_text() == digest:
+        return
+    if not (BIN / "python").exists() or python_version(str(BIN / "python")) is None:
+        python = choose_python()
+        print(f"setting up {VENV} with {python}", flush=True)
+        shutil.rmtree(VENV, ignore_errors=True)
+        subprocess.run([python, "-m", "venv", str(VENV)], check=True, env=environment())
+    pip = [str(BIN / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    lists = [part for path in requirements for part in ("-r", str(path))]
+    subprocess.run([*pip, *lists], check=True, env=environment())
+    subprocess.run([*pip, "--no-deps", "--editable", str(ROOT)], check=True, env=environment())
+    stamp.write_text(digest)
+
+
+def run(*command: str) -> int:
+    """Runs an executable of the environment in the caller's folder; returns its exit code."""
+    try:
+        return subprocess.run([str(BIN / command[0]), *command[1:]], env=environment(), check=False).returncode
+    except KeyboardInterrupt:  # the child got it too, and has had its time to end cleanly
+        return 130
+
+
+def test(options: list[str]) -> int:
+    """Linters, type checks, tests; the first failure ends it."""
+    os.chdir(ROOT)
+    checks = [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",)]
+    for check in checks:
+        print("$", *check, flush=True)
+        code = run(*check)
+        if code:
+            return code
+    print("$ pytest", *options, flush=True)
+    return run("pytest", *options)
+
+
+def main() -> int:
+    """Does what the first argument says."""
+    if len(sys.argv) < 2 or sys.argv[1] in ("-h", "--help"):
+        print(__doc__)
+        return 0 if len(sys.argv) > 1 else 2
+    task, options = sys.argv[1], sys.argv[2:]
+    try:
+        set_up([RUNTIME, TESTS] if task == "test" else [RUNTIME])
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"error: setting up failed: {error}")
+    if task == "test":
+        return test(options)
+    executable = "ik_demo" if task == "demo" else task
+    if not (BIN / executable).exists():
+        sys.exit(
+            f"error: no executable '{executable}'; there are: {', '.join(sorted(p.name for p in BIN.glob('ik_*')))}"
+        )
+    return run(executable, *options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

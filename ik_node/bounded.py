@@ -1,0 +1,221 @@
+"""The optimum under limits: the problem of ``resolution`` with a box on qd and dampers, answered on every input.
+
+::
+
+    minimise    1/2 qd' W qd + k grad_h' qd
+    subject to  J qd = J qd_0 + s (V_f - J qd_0) ,   s in [0, 1] as large as possible
+                lo <= qd <= hi                       velocity, position and acceleration limits of this tick
+                N qd >= c                            approach dampers, if there are any
+
+qd_0 is the point nearest to rest that lies in the box and obeys the dampers. While nothing binds the answer is that of
+:func:`ik_node.resolution.resolve`. Otherwise it is found in two stages, after the singular value decomposition of J
+has turned the equality into qd = qd_0 + s p + Z' z, with Z a basis of the null space of J (rows):
+
+1. s, a linear program in (s, z);
+2. z for that s, a quadratic program in the null space alone.
+
+Without a null space the first is a smallest ratio, with one dimension it is a pairwise elimination of z; both are exact
+and there is no solver to fail. Two and more dimensions go to DAQP (Arnstroem, Bemporad, Axehill, IEEE TAC 2022), whose
+answers are checked here; where one does not pass, the closed form is shortened towards qd_0 until it fits.
+
+When constraints conflict they give way in this order, each by the least amount: the cost, s, the dampers. The box does
+not: it is made so that it is never empty (:mod:`ik_node.limits`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik_node import small_programs
+from ik_node.errors import InputError
+from ik_node.limits import JointBounds, cause
+from ik_node.pseudoinverse import EPSILON, decompose
+from ik_node.resolution import Resolution, resolve
+from ik_node.se3 import Array
+
+Flags = NDArray[np.bool_]
+
+ROUNDING = 1e-12
+"""By how much a constraint may be exceeded before it counts as binding, rad/s (m/s); answers are clipped to it."""
+
+MOST_ROUNDING = 1e-10
+"""The same near singularities, where rounding is larger."""
+
+
+class Dampers(NamedTuple):
+    """Linear constraints ``rows`` qd >= ``least`` that keep the speed of approach to obstacles low."""
+
+    rows: Array
+    """(k, n), m per rad (m per m)."""
+    least: Array
+    """(k,), m/s."""
+    names: tuple[str, ...]
+    """What each one is about, k of them."""
+
+
+class Bounded(NamedTuple):
+    """The optimum, and what it had to give up."""
+
+    joint_velocity: Array
+    """qd, (n,): within the box to the last bit."""
+    scale: float
+    """s."""
+    base_velocity: Array
+    """qd_0, (n,)."""
+    attained: Array
+    """J qd, (m,)."""
+    at_lower: Flags
+    """Joints at the lower end of the box, (n,), bool; all False where nothing binds."""
+    at_upper: Flags
+    """Joints at the upper end of the box, (n,), bool; all False where nothing binds."""
+    damper_active: Flags
+    """Dampers that bind, (k,), bool."""
+    damper_slack: Array
+    """By how much each damper gave way to the box, (k,), m/s; 0 nearly always."""
+    fallback: bool
+    """True where the solver's answer was not good enough and the shortened closed form was taken."""
+    unbounded: Resolution
+    """The closed form without the box: singular values, rank, multiplier, the gain that was used."""
+
+    @property
+    def binds(self) -> bool:
+        """True where a limit or a damper changed the answer."""
+        return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
+
+    def binding(self, bounds: JointBounds, joints: tuple[str, ...], dampers: Dampers | None = None) -> tuple[str, ...]:
+        """What bound, by name: ``velocity panda_joint4``, ``acceleration ...``, ``position ...``, ``damper ...``."""
+        if not self.binds:
+            return ()
+        sides = [(joint, False) for joint in np.flatnonzero(self.at_lower).tolist()]
+        sides += [(joint, True) for joint in np.flatnonzero(self.at_upper & ~self.at_lower).tolist()]
+        names = [f"{cause(bounds, joint, upper)} {joints[joint]}" for joint, upper in sorted(sides)]
+        if dampers is not None:
+            names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(self.damper_active).tolist()]
+        return tuple(names)
+
+
+def solve(
+    jacobian: Array,
+    twist: Array,
+    lo: Array,
+    hi: Array,
+    weight: Array | None = None,
+    gradient: Array | None = None,
+    gain: float = 0.0,
+    *,
+    row_scale: Array | None = None,
+    null_space_cap: Array | None = None,
+    dampers: Dampers | None = None,
+) -> Bounded:
+    """The optimum of the module's problem. Arguments as in :func:`ik_node.resolution.resolve`, unchecked, and the box.
+
+    ``jacobian`` J (m, n), ``twist`` V_f (m,) in one frame; ``lo``, ``hi`` (n,), lo <= hi, rad/s (m/s), may be infinite;
+    ``gradient`` grad_h (n,), ``gain`` k in s, lowered until no joint's part of the null-space velocity exceeds
+    ``null_space_cap``. V_f is projected on the range of J where it does not lie in it.
+
+    Raises InputError when the box is empty, or when what went in is so far from finite that nothing can be said.
+    """
+    if not (lo <= hi).all():
+        raise InputError(f"the box of joint velocities is empty: {lo.tolist()} to {hi.tolist()}")
+    free = resolve(
+        jacobian,
+        twist,
+        weight,
+        gradient,
+        gain,
+        row_scale=row_scale,
+        null_space_cap=null_space_cap,
+        checked=True,
+    )
+    qd = free.joint_velocity
+    if (qd >= lo).all() and (qd <= hi).all() and (dampers is None or (dampers.rows @ qd >= dampers.least).all()):
+        return _unbound(free, jacobian, lo, hi, dampers)
+    return _bound(free, jacobian, twist, lo, hi, weight, gradient, row_scale, dampers)
+
+
+def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: Dampers | None) -> Bounded:
+    nothing = np.zeros(len(lo), dtype=bool)
+    count = 0 if dampers is None else len(dampers.least)
+    return Bounded(
+        free.joint_velocity,
+        1.0,
+        np.minimum(np.maximum(0.0, lo), hi),
+        jacobian @ free.joint_velocity,
+        nothing,
+        nothing,
+        np.zeros(count, dtype=bool),
+        np.zeros(count),
+        False,
+        free,
+    )
+
+
+def _bound(
+    free: Resolution,
+    jacobian: Array,
+    twist: Array,
+    lo: Array,
+    hi: Array,
+    weight: Array | None,
+    gradient: Array | None,
+    row_scale: Array | None,
+    dampers: Dampers | None,
+) -> Bounded:
+    n = len(lo)
+    base, slack = np.minimum(np.maximum(0.0, lo), hi), np.zeros(0)
+    rows, least = np.zeros((0, n)), np.zeros(0)
+    if dampers is not None and len(dampers.least):
+        base, slack = small_programs.nearest_to_rest(base, lo, hi, dampers.rows, dampers.least)
+        # Unit rows, so that one tolerance serves all. A row that no joint moves says nothing any more.
+        size = np.sqrt(np.einsum("ij,ij->i", dampers.rows, dampers.rows))
+        moved = size > ROUNDING
+        size = np.where(moved, size, 1.0)
+        rows = np.where(moved[:, None], dampers.rows / size[:, None], 0.0)
+        least = np.where(moved, (dampers.least - slack) / size, -1.0)
+
+    scaled = jacobian if row_scale is None else row_scale[:, None] * jacobian
+    parts = decompose(scaled, "jacobian")
+    wanted = twist - jacobian @ base
+    along = parts.u[:, : parts.rank].T @ (wanted if row_scale is None else row_scale * wanted)
+    direction, null = (along / parts.sigma[: parts.rank]) @ parts.vt[: parts.rank], parts.vt[parts.rank :]
+
+    # Every inequality as  alpha s + zeta z <= beta ; at the base point (s = 0, z = 0) they hold.
+    sides = np.concatenate((np.eye(n), -np.eye(n), -rows)) if len(rows) else np.concatenate((np.eye(n), -np.eye(n)))
+    beta = np.concatenate((hi - base, base - lo, rows @ base - least))
+    # Near a singularity the direction itself is known no better than this.
+    rounding = min(
+        max(ROUNDING, 4.0 * EPSILON * float(np.abs(twist).max()) / parts.sigma[parts.rank - 1]), MOST_ROUNDING
+    )
+    program = small_programs.Program(sides @ direction, sides @ null.T, np.maximum(beta, 0.0), rounding)
+    pull = np.zeros(n) if gradient is None else free.gain * gradient
+
+    def cost(scale: float) -> small_programs.Cost:
+        start = base + scale * direction
+        weighted = null if weight is None else null @ weight
+        return small_programs.Cost(weighted @ null.T, weighted @ start + null @ pull)
+
+    found = small_programs.optimum(program, cost)
+    if found is None:
+        scale = small_programs.smallest_ratio(sides @ (free.joint_velocity - base), program.beta, ROUNDING)
+        qd, fallback = base + scale * (free.joint_velocity - base), True
+    else:
+        scale, coordinates = found
+        qd, fallback = base + scale * direction + coordinates @ null, False
+    qd = np.minimum(np.maximum(qd, lo), hi)
+    if not np.isfinite(qd).all():
+        raise InputError("the bounded problem holds numbers that are not finite")
+    return Bounded(
+        qd,
+        scale,
+        base,
+        jacobian @ qd,
+        qd <= lo + ROUNDING,
+        qd >= hi - ROUNDING,
+        rows @ qd <= least + 1e-9,
+        slack,
+        fallback,
+        free,
+    )

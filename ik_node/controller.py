@@ -1,0 +1,342 @@
+"""The controller: calls in, Steps out.
+
+It is an event machine. Every call carries the time at which it is made, nothing inside looks at a clock, and the same
+calls in the same order give the same bits: on the robot, in the simulator and in a replay.
+
+What stops the arm, and how:
+
+================================================  =============================================================
+cause                                             response
+================================================  =============================================================
+the target stream ends or falls silent            the reference brakes within its bounds; the last pose is held
+pause, deactivation, a signal                     ramp to zero within the acceleration limits, zeros, then nothing
+joint states too slow                             the same ramp; goes on when they are fast enough again
+joint states dead, not finite                     zeros at once; goes on from the measured position
+an exception or a non-finite result inside        zeros at once; stays until reset
+================================================  =============================================================
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ik_node import se3
+from ik_node.braking import Ramp, ramp_to_zero
+from ik_node.clock import NS, Instant, place
+from ik_node.control_law import twist_feedback
+from ik_node.errors import IkNodeError, InputError, SettingsError, StateRefused, TargetRefused
+from ik_node.inputs import JointSample, PoseSample
+from ik_node.joint_states import JointState, JointStateMerger
+from ik_node.resolution import resolve
+from ik_node.robot import Robot
+from ik_node.se3 import Array
+from ik_node.settings import Settings
+from ik_node.status import StatusKeeper
+from ik_node.step import Level, Mode, Status, Step
+from ik_node.trajectory.stream import StreamedPoses
+
+INTERVAL_SMOOTHING = 0.02
+"""Weight of the newest interval in the running mean of the time between ticks."""
+TARGET_AHEAD_S = 0.5
+"""Target stamps may lie this far in the future (a planner's look-ahead) and still be believed."""
+MOVING = (Mode.HOLDING, Mode.TRACKING, Mode.RAMPING)
+"""Modes in which a velocity may be standing at the robot."""
+
+
+class Controller:
+    """Composes robot, target, control law, resolution and limits; one instance belongs to one thread."""
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        """Raises SettingsError when a list of limits does not fit the number of joints."""
+        self.robot = robot
+        self.settings = settings
+        self.targets_refused = 0
+        self.states_refused = 0
+        self._velocity_limit, self._acceleration_limit = _limits(robot, settings)
+        self._states = JointStateMerger(robot.joints, settings.state)
+        self._stream = StreamedPoses(settings.target)
+        self._ramp: Ramp | None = None
+        self._rest = Status(Level.OK, Mode.WAITING, "waiting for the first joint state")
+        self._status = StatusKeeper(self._rest)
+        self._tick = 0
+        self._velocity = np.zeros(robot.n)
+        self._state: JointState | None = None
+        self._period_s = 1.0 / settings.control.rate_hz
+        self._interval_s = self._period_s
+        self._due_ns = 0
+        self._last_tick_ns = 0
+        self._scales = np.repeat((1.0, settings.control.characteristic_length), 3)
+
+    @property
+    def status(self) -> Status:
+        """What the controller is doing, and why."""
+        return self._status.status
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the last command was zero and no further one comes by itself."""
+        return self.status.mode not in MOVING
+
+    # --- inputs ------------------------------------------------------------------------------------------------------
+
+    def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
+        """Takes a joint state; returns the tick it makes, or None. One that is refused stops the arm."""
+        try:
+            state = self._states.add(sample, now)
+        except StateRefused as error:
+            self.states_refused += 1
+            return self._stop(now, Level.ERROR, f"joint state refused: {error}")
+        if state is None or not self._is_due(state.time_ns):
+            return None
+        try:
+            return self._on_state(state, now)
+        except Exception as error:  # whatever went wrong inside, the arm must stop, and a person must see why
+            reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
+            return self._fault(now, reason)
+
+    def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
+        """Takes a target. Raises TargetRefused, and goes on with what it had, when the target cannot be followed."""
+        try:
+            pose_sd = self._in_base(sample)
+        except InputError as error:
+            self.targets_refused += 1
+            self._status.note(f"target refused: {error}")
+            raise TargetRefused(str(error)) from error
+        self._status.note("")
+        stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS), round(TARGET_AHEAD_S * NS))
+        self._status.flag("target stamps disagree with this clock; arrival counts", stamped.skew_ns != 0, now)
+        if self.status.mode in (Mode.HOLDING, Mode.TRACKING):
+            self._stream.add(pose_sd, stamped)
+
+    def on_clock(self, now: Instant) -> Step | None:
+        """What happens when nothing arrives: dead joint states, the rest of a ramp. To be called every 10 ms or so."""
+        if self._ramp is not None and now.monotonic_ns - self._last_tick_ns >= 2.0 * self._period_s * NS:
+            return self._ramp_step(now)
+        if self.status.mode in (Mode.HOLDING, Mode.TRACKING):
+            timeout_s = self.settings.state.timeout_s
+            if now.monotonic_ns - self._states.received_ns > timeout_s * NS:
+                return self._stop(now, Level.ERROR, f"no joint state for {timeout_s:g} s")
+        if self.status.mode is Mode.WAITING and self._states.missing():
+            missing = ", ".join(self._states.missing())
+            self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
+        return None
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def pause(self, now: Instant, reason: str = "paused by request") -> None:
+        """Ramps to zero and stays there until :meth:`resume`. A fault stays a fault."""
+        if self.status.mode is not Mode.FAULT:
+            self._ramp_down(now, Status(Level.OK, Mode.PAUSED, reason))
+
+    def resume(self) -> None:
+        """Starts again from the measured position, at rest; changes nothing when neither paused nor about to be."""
+        if self._rest.mode is Mode.PAUSED:
+            self._restart("waiting for a joint state")
+
+    def reset(self) -> None:
+        """Leaves a fault or a pause and starts again from the measured position."""
+        self._status.note("")
+        if self._rest.mode in (Mode.PAUSED, Mode.FAULT):
+            self._restart("reset; waiting for a joint state")
+
+    def check(self, settings: Settings) -> None:
+        """Raises SettingsError when these settings do not fit the robot; changes nothing."""
+        _limits(self.robot, settings)
+
+    def apply(self, settings: Settings) -> None:
+        """Takes over changed settings; raises as :meth:`check` does, then without having changed anything."""
+        self._velocity_limit, self._acceleration_limit = _limits(self.robot, settings)
+        self.settings = settings
+        self._stream.configure(settings.target)
+        self._scales = np.repeat((1.0, settings.control.characteristic_length), 3)
+
+    # --- one tick ----------------------------------------------------------------------------------------------------
+
+    def _is_due(self, time_ns: int) -> bool:
+        """Keeps the mean tick rate at or below rate_hz, whatever the rate of the joint states."""
+        period_ns = round(self._period_s * NS)
+        if time_ns < self._due_ns - period_ns // 4:
+            return False
+        self._due_ns = max(self._due_ns, time_ns - period_ns) + period_ns
+        return True
+
+    def _on_state(self, state: JointState, now: Instant) -> Step | None:
+        if self._state is not None:
+            interval_s = (state.time_ns - self._state.time_ns) / NS
+            self._interval_s += INTERVAL_SMOOTHING * (interval_s - self._interval_s)
+        self._state = state
+        self._last_tick_ns = now.monotonic_ns
+        if self._ramp is not None:
+            return self._ramp_step(now)
+        if self._rest.mode in (Mode.PAUSED, Mode.FAULT):
+            return None
+        slowest_s = self._period_s / max(self.settings.control.min_rate_fraction, 1e-3)
+        if self._interval_s > slowest_s:
+            reason = f"joint states slower than {1.0 / slowest_s:.0f} Hz, the part min_rate_fraction of rate_hz"
+            self._ramp_down(now, Status(Level.ERROR, Mode.STOPPED, reason))
+            return None if self._ramp is None else self._ramp_step(now)
+        if self.status.mode not in (Mode.HOLDING, Mode.TRACKING):
+            self._stream.start(self.robot.pose(state.position), state.time_ns)
+        return self._track(state, now)
+
+    def _track(self, state: JointState, now: Instant) -> Step:
+        control = self.settings.control
+        pose_sb = self.robot.pose(state.position)
+        motion = self._stream.advance(state.time_ns, self._interval_s)
+        law = twist_feedback(pose_sb, motion, control)
+        # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
+        ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
+        jacobian_b = self.robot.evaluate(state.position + ahead_s * self._velocity).jacobian_b
+        resolved = resolve(jacobian_b, law.twist_b, threshold=control.singularity_threshold, row_scale=self._scales)
+        scale, binding = self._scale_to_limits(resolved.joint_velocity)
+        velocity = scale * resolved.joint_velocity
+        if not np.isfinite(velocity).all():
+            raise InputError(f"the resolution gave a joint velocity that is not finite: {velocity}")
+        lost_b = law.twist_b - resolved.attained
+        self._velocity = velocity
+        self._say_what_happens(now, lost_b, binding)
+        self._tick += 1
+        return Step(
+            tick=self._tick - 1,
+            now=now,
+            state_time_ns=state.time_ns,
+            joint_position=state.position,
+            joint_velocity=velocity,
+            pose_sb=pose_sb,
+            pose_sd=motion.pose_sd,
+            error_b=law.error_b,
+            feedforward_b=law.feedforward_b,
+            twist_b=law.twist_b,
+            lost_b=lost_b,
+            scale=scale,
+            multiplier_task=resolved.multiplier_task,
+            multiplier_potential=resolved.multiplier_potential,
+            singular_values=resolved.singular_values,
+            binding=binding,
+            clearance=float("nan"),
+            status=self.status,
+        )
+
+    def _scale_to_limits(self, velocity: Array) -> tuple[float, tuple[str, ...]]:
+        """The part of ``velocity`` that respects every velocity limit, so that the tool slows on its path."""
+        over = np.abs(velocity) / self._velocity_limit
+        worst = int(np.argmax(over))
+        if not over[worst] > 1.0:
+            return 1.0, ()
+        # A few units in the last place less, so that rounding cannot end above the limit.
+        return float((1.0 - 1e-15) / over[worst]), (f"velocity {self.robot.joints[worst]}",)
+
+    def _say_what_happens(self, now: Instant, lost_b: Array, binding: tuple[str, ...]) -> None:
+        near = bool(np.abs(lost_b).max() > 1e-6)
+        self._status.flag("near a singularity, part of the twist is given up", near, now)
+        self._status.flag("slowed down by a joint velocity limit", bool(binding), now)
+        self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
+        if self._stream.goal_sd is None:
+            self._status.set(Status(Level.OK, Mode.HOLDING, "no target yet"))
+        elif self._stream.silent_s(now.monotonic_ns) > self.settings.target.timeout_s:
+            self._status.set(Status(Level.OK, Mode.HOLDING, "the target stream has ended; holding the last pose"))
+        else:
+            self._status.set(Status(Level.OK, Mode.TRACKING, "following target_pose"))
+
+    def _in_base(self, sample: PoseSample) -> Array:
+        """The target as T_sd; frames that the arm moves are taken at the last measured position."""
+        pose = se3.pose_from(sample.position, sample.quaternion, "target")
+        frame = sample.frame_id
+        if frame == self.robot.base_frame:
+            return pose
+        if frame not in self.robot.frames:
+            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(sorted(self.robot.frames))}")
+        if self._state is None:
+            raise InputError(f"frame '{frame}' cannot be placed before the first joint state")
+        placed: Array = self.robot.frame_pose(self._state.position, frame) @ pose
+        return placed
+
+    # --- coming to rest ----------------------------------------------------------------------------------------------
+
+    def _restart(self, reason: str) -> None:
+        self._ramp = None
+        self._state = None
+        self._interval_s = self._period_s
+        self._rest = Status(Level.OK, Mode.WAITING, reason)
+        self._status.set(self._rest)
+
+    def _ramp_down(self, now: Instant, rest: Status) -> None:
+        """Begins a ramp that ends in ``rest``; goes there at once where nothing moves."""
+        self._rest = rest
+        if self._velocity.any():
+            if self._ramp is None:
+                self._ramp = ramp_to_zero(self._velocity, self._acceleration_limit, now.monotonic_ns)
+            self._status.set(Status(rest.level, Mode.RAMPING, rest.reason))
+        else:
+            self._status.set(rest)
+
+    def _ramp_step(self, now: Instant) -> Step:
+        ramp = self._ramp
+        velocity = np.zeros(self.robot.n) if ramp is None else ramp.at(now.monotonic_ns)
+        if ramp is None or ramp.finished(now.monotonic_ns):
+            self._ramp = None
+            self._status.set(self._rest)
+        return self._bare_step(now, velocity)
+
+    def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
+        """Zeros at once; goes on from the measured position with the next good state, unless paused or at fault."""
+        moved = self.status.mode in MOVING
+        self._ramp = None
+        self._state = None
+        self._interval_s = self._period_s
+        if self._rest.mode not in (Mode.PAUSED, Mode.FAULT):
+            self._rest = Status(level, Mode.STOPPED, reason)
+        self._status.set(self._rest)
+        return self._bare_step(now, np.zeros(self.robot.n)) if moved else None
+
+    def _fault(self, now: Instant, reason: str) -> Step:
+        self._ramp = None
+        self._rest = Status(Level.ERROR, Mode.FAULT, f"{reason}; stopped until reset")
+        self._status.set(self._rest)
+        return self._bare_step(now, np.zeros(self.robot.n))
+
+    def _bare_step(self, now: Instant, velocity: Array) -> Step:
+        """A step that commands ``velocity`` without a control law: what it did not compute is NaN."""
+        self._velocity = velocity
+        self._last_tick_ns = now.monotonic_ns
+        self._tick += 1
+        state = self._state
+        twist, pose = np.full(6, np.nan), np.full((4, 4), np.nan)
+        return Step(
+            tick=self._tick - 1,
+            now=now,
+            state_time_ns=now.monotonic_ns if state is None else state.time_ns,
+            joint_position=np.full(self.robot.n, np.nan) if state is None else state.position,
+            joint_velocity=velocity,
+            pose_sb=pose if state is None else self.robot.pose(state.position),
+            pose_sd=pose,
+            error_b=twist,
+            feedforward_b=twist,
+            twist_b=twist,
+            lost_b=twist,
+            scale=float("nan"),
+            multiplier_task=twist,
+            multiplier_potential=twist,
+            singular_values=np.full(min(6, self.robot.n), np.nan),
+            binding=(),
+            clearance=float("nan"),
+            status=self.status,
+        )
+
+
+def _limits(robot: Robot, settings: Settings) -> tuple[Array, Array]:
+    """Velocity and acceleration limits, (n,) each."""
+    velocity = _per_joint(settings.limits.velocity, robot, "limits.velocity", robot.limits.velocity)
+    acceleration = _per_joint(settings.limits.acceleration, robot, "limits.acceleration", None)
+    return velocity * settings.limits.velocity_fraction, acceleration
+
+
+def _per_joint(values: tuple[float, ...], robot: Robot, name: str, default: Array | None) -> Array:
+    if not values and default is not None:
+        return default
+    if len(values) == 1:
+        return np.full(robot.n, values[0])
+    if len(values) != robot.n:
+        joints = ", ".join(robot.joints)
+        raise SettingsError(f"{name} has {len(values)} values; expected 1 or {robot.n}, for {joints}")
+    return np.array(values)

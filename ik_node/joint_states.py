@@ -1,0 +1,87 @@
+"""Joint states as drivers really send them: any order, foreign joints between, in pieces, late, or out of order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.clock import NS, Instant, place
+from ik_node.errors import StateRefused
+from ik_node.inputs import JointSample
+from ik_node.se3 import Array
+from ik_node.settings import StateSettings
+
+
+class JointState(NamedTuple):
+    """A complete measurement of the controlled joints."""
+
+    position: Array
+    """(n,), rad (m), in the order of the controlled joints."""
+    time_ns: int
+    """Monotonic time at which it held: of its oldest part."""
+
+
+class JointStateMerger:
+    """Collects messages until every controlled joint has a new value."""
+
+    def __init__(self, joints: tuple[str, ...], settings: StateSettings) -> None:
+        self._joints = joints
+        self._settings = settings
+        self._position = np.full(len(joints), np.nan)
+        self._time_ns = np.zeros(len(joints), dtype=np.int64)
+        self._missing = np.ones(len(joints), dtype=bool)
+        self._places: dict[tuple[str, ...], tuple[Array, Array]] = {}
+        self._last_time_ns = 0
+        self.received_ns = 0
+        """Monotonic arrival of the newest complete state; 0 before the first."""
+        self.skew_ns = 0
+        """Last age that was not believable, in ROS time; 0 when stamps and clock agree."""
+        self.out_of_order = 0
+        """Complete states that were older than the one before, and were dropped."""
+
+    def add(self, sample: JointSample, now: Instant) -> JointState | None:
+        """The complete state that ``sample`` finishes, or None.
+
+        A message that holds none of our joints changes nothing. Raises StateRefused when names and positions do not
+        match in number or a position of ours is not finite.
+        """
+        if len(sample.position) != len(sample.names):
+            raise StateRefused(f"joint state has {len(sample.names)} names but {len(sample.position)} positions")
+        ours, theirs = self._match(sample.names)
+        if not len(ours):
+            return None
+        position = sample.position[theirs]
+        if not np.isfinite(position).all():
+            bad = [self._joints[index] for index, value in zip(ours, position, strict=True) if not np.isfinite(value)]
+            raise StateRefused(f"joint state is not finite for {', '.join(bad)}")
+        stamped = place(sample.stamp_ns, now, round(self._settings.max_age_s * NS))
+        self.skew_ns = stamped.skew_ns
+        self._position[ours] = position
+        self._time_ns[ours] = stamped.time_ns
+        self._missing[ours] = False
+        if self._missing.any():
+            return None
+        self._missing[:] = True
+        self.received_ns = now.monotonic_ns
+        time_ns = int(self._time_ns.min())
+        if time_ns <= self._last_time_ns:
+            self.out_of_order += 1
+            return None
+        self._last_time_ns = time_ns
+        return JointState(self._position.copy(), time_ns)
+
+    def missing(self) -> tuple[str, ...]:
+        """Controlled joints that no message has named yet."""
+        return tuple(name for name, value in zip(self._joints, self._position, strict=True) if np.isnan(value))
+
+    def _match(self, names: tuple[str, ...]) -> tuple[Array, Array]:
+        """Indices into our joints and into the message where names agree; remembered, as drivers repeat themselves."""
+        if names not in self._places:
+            if len(self._places) > 64:
+                self._places.clear()
+            where = {name: index for index, name in enumerate(names)}
+            pairs = [(ours, where[name]) for ours, name in enumerate(self._joints) if name in where]
+            table = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+            self._places[names] = (table[:, 0], table[:, 1])
+        return self._places[names]

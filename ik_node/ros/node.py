@@ -1,0 +1,318 @@
+"""The node: joint states and targets in, joint velocities out. A thin shell around the controller."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from ik_node.catalogue import robot_from
+from ik_node.clock import Instant
+from ik_node.controller import Controller
+from ik_node.errors import IkNodeError, InputError, RecordingError
+from ik_node.messages import decode
+from ik_node.messages.step_codec import CallKind
+from ik_node.recording.session import JOINT_STATES, TARGET_POSE, RunRecording, RunSetup, recorder_options
+from ik_node.ros import parameters, qos
+from ik_node.ros.publishing import StepPublisher
+from ik_node.settings import Settings
+from ik_node.step import Step
+
+WATCHDOG_S = 0.01
+"""How often the controller is asked whether something is missing."""
+LONGEST_RAMP_S = 5.0
+"""A ramp to zero that takes longer than this at the end of the process is cut off."""
+
+
+class IkNode(LifecycleNode):  # type: ignore[misc]
+    """Cartesian velocity control as a lifecycle node that configures and activates itself unless told not to."""
+
+    def __init__(self) -> None:
+        super().__init__("ik_node")
+        parameters.declare(self)
+        about = ParameterDescriptor(description="Configure and activate without being asked.", read_only=True)
+        self._autostart = bool(self.declare_parameter("autostart", True, about).value)
+        self._described = ""
+        self._controller: Controller | None = None
+        self._recording: RunRecording | None = None
+        self._active = False
+        self._inputs: list[Any] = []
+        self._publisher = StepPublisher(self)
+        self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/record", self._on_record)
+        self.create_timer(WATCHDOG_S, self._on_watchdog)
+        self.create_timer(1.0, self._on_second)
+        parameters.follow_changes(self, self._settings, self._check_settings, self._apply_settings)
+        if not self._start_by_itself():
+            raise IkNodeError("the node could not be configured; the reason stands above")
+
+    # --- lifecycle ---------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Reads the parameters, loads the robot, opens the topics; FAILURE with the reason in the log."""
+        del state
+        try:
+            settings = parameters.read(self)
+            robot = robot_from(settings.arm, self._described)
+            self._controller = Controller(robot, settings)
+            self._publisher.configure(robot, settings)
+            if settings.recording.enabled:
+                self._start_recording()
+        except IkNodeError as error:
+            self.get_logger().error(f"not configured: {error}")
+            self._controller = None
+            return TransitionCallbackReturn.FAILURE
+        except Exception:  # rclpy would turn it into an error state without a word
+            self.get_logger().error(f"not configured: {traceback.format_exc()}")
+            self._controller = None
+            return TransitionCallbackReturn.ERROR
+        self._inputs = [
+            self._listen(JointState, "joint_states", self._on_joint_state),
+            self._listen(PoseStamped, "~/target_pose", self._on_target_pose),
+        ]
+        moved = ", ".join(robot.joints)
+        self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {moved}")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Goes on from the measured position; until a target comes it is held."""
+        self._resume()
+        self._active = True
+        self._publish_status()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Ramps to zero before it answers."""
+        self._ramp_to_rest("deactivated")
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Closes topics and recording."""
+        del state
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Ramps to zero and closes everything, from any state."""
+        del state
+        self._ramp_to_rest("shut down")
+        self._active = False
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def finish(self, executor: Any) -> None:
+        """Last acts of the process, after a signal: the arm comes to rest, the recording is made whole."""
+        del executor
+        self._ramp_to_rest("the process was asked to end")
+        self._close()
+
+    def _start_by_itself(self) -> bool:
+        """Configures and activates as soon as a robot is known; False when that went wrong."""
+        wanted = parameters.read(self).arm
+        known = bool(wanted.robot or wanted.robot_description or self._described)
+        begin = self._autostart and known and self._controller is None
+        if not begin:
+            return True
+        done = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        return done and self.trigger_activate() == TransitionCallbackReturn.SUCCESS
+
+    def _close(self) -> None:
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self._inputs = []
+        self.get_logger().info(self._end_recording())
+        self._controller = None
+
+    def _ramp_to_rest(self, reason: str) -> None:
+        """Drives the ramp itself: no callback runs meanwhile, so the controller's clock call makes the steps."""
+        controller = self._controller
+        if controller is None or not self._active:
+            return
+        self._pause(reason)
+        until = time.monotonic() + LONGEST_RAMP_S
+        period_s = 2.0 / controller.settings.control.rate_hz
+        while not controller.at_rest and time.monotonic() < until:
+            time.sleep(period_s)
+            self._on_watchdog()
+        self._publisher.zeros()
+        self._publish_status()
+
+    # --- inputs ------------------------------------------------------------------------------------------------------
+
+    def _listen(self, message_type: type, topic: str, callback: Callable[[bytes, Instant], None]) -> Any:
+        """Subscribes to the bytes of a topic: they are recorded as they came, and decoded faster than rclpy does."""
+
+        def on_bytes(data: bytes) -> None:
+            if self._active:
+                callback(data, self._now())
+
+        return self.create_subscription(message_type, topic, on_bytes, qos.STREAM, raw=True)
+
+    def _on_joint_state(self, data: bytes, now: Instant) -> None:
+        if self._controller is None:
+            return
+        try:
+            sample = decode.decode_joint_state(data)
+        except InputError as error:
+            self.get_logger().warning(f"joint state dropped: {error}", throttle_duration_sec=1.0)
+            return
+        step = self._controller.on_joint_state(sample, now)
+        self._send(step, lambda: self._record(CallKind.ON_JOINT_STATE, now, JOINT_STATES, data))
+
+    def _on_target_pose(self, data: bytes, now: Instant) -> None:
+        if self._controller is None:
+            return
+        try:
+            sample = decode.decode_pose(data)
+            self._record(CallKind.ON_TARGET_POSE, now, TARGET_POSE, data)
+            self._controller.on_target_pose(sample, now)
+        except InputError as error:
+            self.get_logger().warning(f"target refused: {error}", throttle_duration_sec=1.0)
+
+    def _on_description(self, message: String) -> None:
+        self._described = message.data
+        self._start_by_itself()
+
+    def _on_watchdog(self) -> None:
+        if self._controller is not None and self._active:
+            now = self._now()
+            self._send(self._controller.on_clock(now), lambda: self._record(CallKind.ON_CLOCK, now))
+
+    def _on_second(self) -> None:
+        if self._controller is not None:
+            now = self._now()
+            said = self._publisher.diagnostics(self._controller.status, now)
+            if self._recording is not None:
+                self._recording.said(said, now)
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def _pause(self, reason: str) -> None:
+        if self._controller is not None:
+            now = self._now()
+            self._controller.pause(now, reason)
+            self._record(CallKind.PAUSE, now, text=reason)
+
+    def _resume(self) -> None:
+        if self._controller is not None:
+            self._controller.resume()
+            self._record(CallKind.RESUME, self._now())
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data:
+            self._pause("paused by request")
+        else:
+            self._resume()
+        return self._answer(response)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+        if self._controller is not None:
+            self._controller.reset()
+            self._record(CallKind.RESET, self._now())
+        return self._answer(response)
+
+    def _answer(self, response: Any) -> Any:
+        """Success with the status as its message, or what stands in the way."""
+        response.success = self._controller is not None
+        response.message = self._controller.status.reason if self._controller is not None else "not configured"
+        self._publish_status()
+        return response
+
+    def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        try:
+            if request.data:
+                response.message = f"recording to {self._start_recording()}"
+            else:
+                response.message = self._end_recording()
+            response.success = True
+        except IkNodeError as error:
+            response.message = str(error)
+        return response
+
+    # --- outputs -----------------------------------------------------------------------------------------------------
+
+    def _send(self, step: Step | None, record: Callable[[], None]) -> None:
+        """Publishes what a step commands, first of all, then what it tells; only then records the call and the step."""
+        outgoing = [] if step is None else self._publisher.step(step)
+        if self._recording is not None:
+            record()
+            if step is not None:
+                self._recording.sent(step, outgoing)
+        self._publish_status()
+
+    def _publish_status(self) -> None:
+        if self._controller is not None:
+            said = self._publisher.status(self._controller.status)
+            if said is not None and self._recording is not None:
+                self._recording.said(said, self._now())
+
+    def _record(self, kind: CallKind, now: Instant, name: str = "", data: bytes = b"", text: str = "") -> None:
+        """Records a call of the controller, and the message on the input ``name`` that it took."""
+        if self._recording is not None:
+            sequence = self._recording.received(name, data, now) if name else -1
+            self._recording.called(kind, now, sequence, text)
+
+    def _start_recording(self) -> str:
+        """Returns the folder; RecordingError when it exists or cannot be written, or there is nothing to record."""
+        controller = self._controller
+        if controller is None:
+            raise RecordingError("nothing to record before the node is configured")
+        if self._recording is None:
+            settings = controller.settings.recording
+            usual = datetime.now().strftime("ik_node_%Y%m%d-%H%M%S")
+            topics = self._publisher.topics | {
+                JOINT_STATES: self.resolve_topic_name("joint_states"),
+                TARGET_POSE: self.resolve_topic_name("~/target_pose"),
+            }
+            setup = RunSetup(
+                self.get_fully_qualified_name(),
+                controller.settings.arm.robot,
+                controller.robot,
+                controller.settings,
+                topics,
+            )
+            directory = Path(settings.directory or usual)
+            self._recording = RunRecording(directory, setup, self._now(), recorder_options(settings))
+            self.get_logger().info(f"recording to {directory}")
+        return str(self._recording.directory)
+
+    def _end_recording(self) -> str:
+        """Makes the recording whole; returns what there is to say of it."""
+        recording, self._recording = self._recording, None
+        if recording is None:
+            return "nothing was being recorded"
+        recording.close()
+        said = f"recorded {recording.directory}, {recording.dropped} messages left out"
+        return f"{said}; {recording.error}" if recording.error else said
+
+    # --- settings ----------------------------------------------------------------------------------------------------
+
+    def _settings(self) -> Settings:
+        return parameters.read(self) if self._controller is None else self._controller.settings
+
+    def _check_settings(self, settings: Settings) -> None:
+        if self._controller is not None:
+            self._controller.check(settings)
+
+    def _apply_settings(self, settings: Settings) -> None:
+        if self._controller is not None:
+            self._controller.apply(settings)
+            if self._recording is not None:
+                self._recording.applied(settings, self._now())
+
+    def _now(self) -> Instant:
+        return Instant(time.monotonic_ns(), self.get_clock().now().nanoseconds)

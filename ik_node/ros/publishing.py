@@ -1,0 +1,91 @@
+"""A Step on the node's topics, the command first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from ik_node.clock import Instant
+from ik_node.messages import encode
+from ik_node.messages.encode import Outgoing, StepOutputs
+from ik_node.robot import Robot
+from ik_node.ros import qos
+from ik_node.settings import Settings
+from ik_node.step import Status, Step
+
+MESSAGE_TYPES = {
+    encode.COMMANDS: Float64MultiArray,
+    encode.JOINT_VELOCITY: JointState,
+    encode.CURRENT_POSE: PoseStamped,
+    encode.DESIRED_POSE: PoseStamped,
+    encode.TWIST_ERROR: TwistStamped,
+    encode.MULTIPLIER_TASK: WrenchStamped,
+    encode.MULTIPLIER_POTENTIAL: WrenchStamped,
+    encode.STATUS: DiagnosticStatus,
+    encode.DIAGNOSTICS: DiagnosticArray,
+}
+SPECIAL_QOS = {encode.COMMANDS: qos.COMMAND, encode.STATUS: qos.LATCHED}
+
+
+class StepPublisher:
+    """Publishes bytes that :mod:`ik_node.messages` made, so that a recording holds exactly what was sent."""
+
+    def __init__(self, node: Any) -> None:
+        self._name = node.get_fully_qualified_name()
+        self._publishers = {
+            topic: node.create_publisher(
+                kind, topic if topic.startswith("/") else f"~/{topic}", SPECIAL_QOS.get(topic, qos.OUTPUT)
+            )
+            for topic, kind in MESSAGE_TYPES.items()
+        }
+        self.topics = {topic: publisher.topic_name for topic, publisher in self._publishers.items()}
+        self._outputs: StepOutputs | None = None
+        self._method = ""
+        self._last: Step | None = None
+        self._last_status: Status | None = None
+        self._joint_count = 0
+
+    def configure(self, robot: Robot, settings: Settings) -> None:
+        """From now on Steps are those of this robot."""
+        self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
+        self._method = settings.control.method
+        self._joint_count = robot.n
+
+    def step(self, step: Step) -> list[Outgoing]:
+        """Publishes a step; returns what was sent, the command first."""
+        if self._outputs is None:
+            return []
+        command = Outgoing(encode.COMMANDS, self._outputs.command(step))
+        self._publishers[encode.COMMANDS].publish(command.data)
+        self._last = step
+        others = self._outputs.others(step)
+        for topic, data in others:
+            self._publishers[topic].publish(data)
+        return [command, *others]
+
+    def zeros(self) -> None:
+        """One more zero command: harmless, and certain to be the last word."""
+        self._publishers[encode.COMMANDS].publish(encode.encode_command(np.zeros(self._joint_count)))
+
+    def status(self, status: Status) -> Outgoing | None:
+        """Publishes the status if it has changed since last time."""
+        if status == self._last_status:
+            return None
+        self._last_status = status
+        said = Outgoing(encode.STATUS, encode.encode_status(status, self._name, self._values()))
+        self._publishers[encode.STATUS].publish(said.data)
+        return said
+
+    def diagnostics(self, status: Status, now: Instant) -> Outgoing:
+        """Publishes /diagnostics."""
+        data = encode.encode_diagnostics([(status, self._name, self._values())], now.ros_ns)
+        self._publishers[encode.DIAGNOSTICS].publish(data)
+        return Outgoing(encode.DIAGNOSTICS, data)
+
+    def _values(self) -> dict[str, str]:
+        return {} if self._last is None else encode.step_values(self._last, self._method)

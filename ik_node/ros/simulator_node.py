@@ -1,0 +1,68 @@
+"""A simulated robot as a node: takes velocity commands, publishes joint states and the robot's description."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+
+from ik_node.catalogue import robot_from
+from ik_node.errors import InputError, SettingsError
+from ik_node.messages import decode, encode
+from ik_node.ros import qos
+from ik_node.settings import ArmSettings
+from ik_node.simulator import SimulatedArm
+
+
+class SimulatorNode(Node):  # type: ignore[misc]
+    """An ideal arm behind the topics of a forward_command_controller and a joint_state_broadcaster."""
+
+    def __init__(self) -> None:
+        """Raises our errors when the robot is unknown or the initial position does not fit it."""
+        super().__init__("ik_simulator")
+        arm = ArmSettings(
+            robot=self._text("robot", "panda", "Name of a robot in example-robot-data."),
+            robot_description=self._text("robot_description", "", "URDF as text, instead of `robot`."),
+            base_frame=self._text("base_frame", "", "As for ik_node."),
+            tip_frame=self._text("tip_frame", "", "As for ik_node."),
+            joint_prefix=self._text("joint_prefix", "", "As for ik_node."),
+        )
+        about = ParameterDescriptor(description="Rate of the joint states [Hz].", read_only=True)
+        rate_hz = self.declare_parameter("rate_hz", 500.0, about).value
+        about = ParameterDescriptor(description="Joint positions at the start [rad, m].", read_only=True)
+        start = self.declare_parameter("initial_position", [0.0], about).value
+        robot = robot_from(arm)
+        position = np.zeros(robot.n) if list(start) == [0.0] else np.array(start, dtype=np.float64)
+        if position.shape != (robot.n,):
+            raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
+        self._joints = robot.joints
+        self._arm = SimulatedArm(position, robot.limits, time.monotonic_ns())
+        self._states = self.create_publisher(JointState, "joint_states", qos.OUTPUT)
+        self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
+        self._description.publish(String(data=robot.urdf))
+        self.create_subscription(Float64MultiArray, "commands", self._on_command, qos.COMMAND, raw=True)
+        self.create_timer(1.0 / rate_hz, self._publish)
+
+    def _text(self, name: str, default: str, description: str) -> str:
+        about = ParameterDescriptor(description=description, read_only=True)
+        return str(self.declare_parameter(name, default, about).value)
+
+    def _on_command(self, data: bytes) -> None:
+        try:
+            self._arm.command(decode.decode_command(data), time.monotonic_ns())
+        except InputError as error:
+            self.get_logger().warning(f"command dropped: {error}", throttle_duration_sec=1.0)
+
+    def _publish(self) -> None:
+        position, velocity = self._arm.advance(time.monotonic_ns())
+        stamp_ns = self.get_clock().now().nanoseconds
+        self._states.publish(encode.encode_joint_state(self._joints, stamp_ns, position, velocity))
+
+    def finish(self, executor: Any) -> None:
+        """Nothing moves that would have to be stopped."""
+        del executor

@@ -1,0 +1,173 @@
+"""The other end of the node under test: real processes, real DDS, a domain of its own for every test."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ik_node import se3
+from ik_node.robot import Robot
+from ik_node.se3 import Array
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
+
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+from ik_node.ros import qos  # noqa: E402
+from ik_node.ros.processes import NodeProcess  # noqa: E402
+
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+_domains = itertools.count(1 + 40 * WORKER + os.getpid() % 37)
+
+
+class Peer:
+    """Drives and watches a node called ``/ik_node`` (or another name) in one domain."""
+
+    def __init__(self, domain: int, node_name: str = "/ik_node") -> None:
+        self.domain = domain
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("peer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.commands: list[Array] = []
+        self.command_times: list[float] = []
+        self.statuses: list[tuple[str, str]] = []
+        self.processes: list[NodeProcess] = []
+        self._states = self.node.create_publisher(JointState, "/joint_states", qos.OUTPUT)
+        self._targets = self.node.create_publisher(PoseStamped, f"{node_name}/target_pose", qos.OUTPUT)
+        self.node.create_subscription(Float64MultiArray, f"{node_name}/commands", self._on_command, qos.OUTPUT)
+        self.node.create_subscription(DiagnosticStatus, f"{node_name}/status", self._on_status, qos.LATCHED)
+
+    # --- the process under test --------------------------------------------------------------------------------------
+
+    def start(self, executable: str, folder: Path, arguments: Sequence[str] = ()) -> NodeProcess:
+        """Starts an executable of the package in this domain; it is stopped when the test ends."""
+        environment = {"ROS_DOMAIN_ID": str(self.domain)}
+        log = folder / f"{executable}_{len(self.processes)}.log"
+        process = NodeProcess(f"ik_node.cli.{executable}", arguments, environment, log)
+        self.processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """Stops what was started and leaves the domain."""
+        for process in self.processes:
+            process.stop(signal.SIGTERM, 10.0)
+        self.executor.shutdown(0.5)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    # --- driving -----------------------------------------------------------------------------------------------------
+
+    def send_state(self, names: Sequence[str], position: Sequence[float] | Array) -> None:
+        """Publishes a joint state stamped now."""
+        message = JointState(name=list(names), position=[float(value) for value in position])
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        self._states.publish(message)
+
+    def send_target(self, pose: Array, frame: str, scale_quaternion: float = 1.0) -> None:
+        """Publishes a target stamped now."""
+        message = PoseStamped()
+        message.header.frame_id = frame
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z = pose[:3, 3].tolist()
+        quaternion = scale_quaternion * se3.quaternion_from_rotation(pose[:3, :3])
+        q.x, q.y, q.z, q.w = quaternion.tolist()
+        self._targets.publish(message)
+
+    def spin(self, duration_s: float, each: Callable[[], None] | None = None, period_s: float = 0.004) -> None:
+        """Lets time pass; ``each`` is called every ``period_s`` or so."""
+        until, next_s = time.monotonic() + duration_s, time.monotonic()
+        while (now := time.monotonic()) < until:
+            if each is not None and now >= next_s:
+                each()
+                next_s = max(next_s + period_s, now)
+            self.executor.spin_once(timeout_sec=0.002)
+
+    def until(
+        self, what: str, holds: Callable[[], bool], timeout_s: float = 15.0, each: Callable[[], None] | None = None
+    ) -> None:
+        """Lets time pass until ``holds``; fails the test with what was known when it takes too long."""
+        end = time.monotonic() + timeout_s
+        while not holds():
+            if time.monotonic() > end:
+                words = "\n".join(process.last_words() for process in self.processes)
+                pytest.fail(f"waited {timeout_s:g} s for {what}; last statuses {self.statuses[-3:]}\n{words}")
+            self.spin(0.02, each)
+
+    def call(self, service_type: Any, name: str, request: Any, each: Callable[[], None] | None = None) -> Any:
+        """Calls a service and returns its response."""
+        client = self.node.create_client(service_type, name)
+        self.until(f"service {name}", client.service_is_ready, each=each)
+        future = client.call_async(request)
+        self.until(f"answer of {name}", future.done, each=each)
+        self.node.destroy_client(client)
+        return future.result()
+
+    # --- watching ----------------------------------------------------------------------------------------------------
+
+    @property
+    def mode(self) -> str:
+        """Mode that the node last stated."""
+        return self.statuses[-1][0] if self.statuses else ""
+
+    @property
+    def reason(self) -> str:
+        """Its reason."""
+        return self.statuses[-1][1] if self.statuses else ""
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.commands.append(np.array(message.data))
+        self.command_times.append(time.monotonic())
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        mode = next(entry.value for entry in message.values if entry.key == "mode")
+        self.statuses.append((mode, message.message))
+
+
+class FakeArm:
+    """An arm played by the test: it integrates what it is told, and can fall silent or lie."""
+
+    def __init__(self, peer: Peer, robot: Robot, position: Sequence[float]) -> None:
+        self.peer = peer
+        self.robot = robot
+        self.position = np.array(position, dtype=np.float64)
+        self._last_s = time.monotonic()
+
+    def __call__(self) -> None:
+        """One joint state."""
+        now = time.monotonic()
+        if self.peer.commands:
+            self.position = self.position + min(now - self._last_s, 0.05) * self.peer.commands[-1]
+        self._last_s = now
+        self.peer.send_state(self.robot.joints, self.position)
+
+    def pose(self) -> Array:
+        """T_sb."""
+        return self.robot.pose(self.position)
+
+
+@contextmanager
+def peer_in_own_domain(node_name: str = "/ik_node") -> Iterator[Peer]:
+    """A peer in a domain that no other test of this run uses."""
+    peer = Peer(1 + next(_domains) % 100, node_name)
+    try:
+        yield peer
+    finally:
+        peer.close()

@@ -186,9 +186,8 @@ def _bound(
     sides = np.concatenate((np.eye(n), -np.eye(n), -rows)) if len(rows) else np.concatenate((np.eye(n), -np.eye(n)))
     beta = np.concatenate((hi - base, base - lo, rows @ base - least))
     # Near a singularity the direction itself is known no better than this.
-    rounding = min(
-        max(ROUNDING, 4.0 * EPSILON * float(np.abs(twist).max()) / parts.sigma[parts.rank - 1]), MOST_ROUNDING
-    )
+    smallest = float(parts.sigma[parts.rank - 1]) if parts.rank else 1.0
+    rounding = min(max(ROUNDING, 4.0 * EPSILON * float(np.abs(twist).max()) / smallest), MOST_ROUNDING)
     program = small_programs.Program(sides @ direction, sides @ null.T, np.maximum(beta, 0.0), rounding)
     pull = np.zeros(n) if gradient is None else free.gain * gradient
 

@@ -29,8 +29,9 @@ def setting(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
     read_only: bool = False,
+    element: type = float,
 ) -> Any:
-    """A dataclass field that carries what a person needs to know about the parameter."""
+    """A dataclass field that carries what a person needs to know about the parameter; ``element`` is a list's type."""
     about = {
         "description": description,
         "unit": unit,
@@ -38,6 +39,7 @@ def setting(
         "maximum": maximum,
         "choices": choices,
         "read_only": read_only,
+        "element": element,
     }
     return field(default=default, metadata=about)
 
@@ -53,6 +55,8 @@ class Descriptor(NamedTuple):
     maximum: float | None
     choices: tuple[str, ...]
     read_only: bool
+    element: type
+    """Of a list's entries."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +73,9 @@ class Group:
 def _check(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> None:
     wanted = type(default)
     if wanted is tuple:
-        if not isinstance(value, tuple):
-            raise SettingsError(f"{name} is {value!r}; expected a list")
+        kinds = (about["element"], int) if about["element"] is float else (about["element"],)
+        if not isinstance(value, tuple) or any(type(entry) not in kinds for entry in value):
+            raise SettingsError(f"{name} is {value!r}; expected a list of {about['element'].__name__}")
     elif wanted is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise SettingsError(f"{name} is {value!r}; expected a number")
@@ -107,7 +112,10 @@ class ArmSettings(Group):
         "", "Tool frame {b}; default: the robot's usual tool, else the end of the longest chain.", read_only=True
     )
     joints: tuple[str, ...] = setting(
-        (), "Controlled joints in command order; default: every movable one between base and tip.", read_only=True
+        (),
+        "Controlled joints in command order; default: every movable one between base and tip.",
+        read_only=True,
+        element=str,
     )
     joint_prefix: str = setting(
         "", "Put before every joint name of the model when matching joint states.", read_only=True
@@ -191,8 +199,24 @@ class TargetSettings(Group):
     max_angular_acceleration: float = setting(
         25.0, "Highest angular acceleration of the reference.", "rad/s2", 0.01, 1000.0
     )
+    catch_up_linear_speed: float = setting(
+        0.5, "Fastest correction of the reference's position: how jumps are approached.", "m/s", 0.001, 10.0
+    )
+    catch_up_angular_speed: float = setting(
+        2.5, "Fastest correction of the reference's orientation: how jumps are approached.", "rad/s", 0.001, 30.0
+    )
     max_linear_jerk: float = setting(500.0, "Highest jerk of the reference.", "m/s3", 1.0, 1e5)
     max_angular_jerk: float = setting(1000.0, "Highest angular jerk of the reference.", "rad/s3", 1.0, 1e5)
+    latency_linear: float = setting(
+        0.7, "Most that the position may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+    )
+    latency_angular: float = setting(
+        1.0, "Most that the orientation may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+    )
+    bandwidth: float = setting(
+        3.0, "Bandwidth of the reference times the sample period; less is smoother, more is nearer.", "rad", 0.1, 10.0
+    )
+    max_bandwidth: float = setting(60.0, "Highest bandwidth of the reference, for fast streams.", "rad/s", 1.0, 80.0)
 
 
 @dataclass(frozen=True)
@@ -254,7 +278,7 @@ class Settings:
             if name not in places:
                 raise SettingsError(f"unknown parameter '{name}'; valid: {', '.join(sorted(places))}")
             group, entry = places[name]
-            kept = tuple(value) if isinstance(entry.default, tuple) and not isinstance(value, str) else value
+            kept = tuple(value) if isinstance(entry.default, tuple) and isinstance(value, (list, tuple)) else value
             if isinstance(entry.default, float) and isinstance(value, int) and not isinstance(value, bool):
                 kept = float(value)
             changed.setdefault(_attribute(group), {})[entry.name] = kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -13,7 +14,6 @@ from types import FrameType
 
 import numpy as np
 import rclpy
-import yaml
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -27,7 +27,8 @@ from ik_node.report.picture import draw
 from ik_node.ros.demo_node import DemoNode
 from ik_node.ros.processes import NodeProcess
 from ik_node.se3 import Array
-from ik_node.settings import Settings, describe
+from ik_node.ros_parameter_file import read_settings
+from ik_node.settings import Settings
 from ik_node.trajectory import pose_file, shapes
 from ik_node.trajectory.motion import Trajectory
 from ik_node.trajectory.pose_file import PoseFileFormat, PoseFileTrajectory
@@ -64,8 +65,8 @@ class Demonstration:
         """Raises our errors when the configuration, the robot or the output folder is not usable."""
         self._options = options
         self._config = options.config or _config_for(options.robot)
-        arm = _settings(self._config, options.robot).arm
-        self._robot = robot_from(arm)
+        settings = Settings() if self._config is None else read_settings(self._config)
+        self._robot = robot_from(dataclasses.replace(settings.arm, robot=options.robot))
         self._interrupted = False
         if options.out.exists():
             raise SettingsError(f"folder '{options.out}' exists already; it is not overwritten")
@@ -236,25 +237,3 @@ def _config_for(robot: str) -> Path | None:
         return share.config_file(f"{robot}.yaml")
     except SettingsError:
         return None
-
-
-def _settings(config: Path | None, robot: str) -> Settings:
-    """The node's settings in a parameter file."""
-    values: dict[str, object] = {"robot": robot}
-    if config is not None:
-        try:
-            tree = yaml.safe_load(config.read_text())
-            values |= _flat(tree["/**"]["ik_node"]["ros__parameters"])
-        except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-            raise SettingsError(
-                f"'{config}' is no parameter file with /**: ik_node: ros__parameters: ({error})"
-            ) from error
-    known = {about.name for about in describe()}
-    return Settings().with_values({name: value for name, value in values.items() if name in known})
-
-
-def _flat(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for name, value in tree.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat

@@ -56,7 +56,7 @@ def follow_changes(
 
 def _declared(about: Descriptor) -> Any:
     if about.default == ():
-        return Parameter.Type.STRING_ARRAY if about.minimum is None else Parameter.Type.DOUBLE_ARRAY
+        return Parameter.Type.STRING_ARRAY if about.element is str else Parameter.Type.DOUBLE_ARRAY
     return list(about.default) if isinstance(about.default, tuple) else about.default
 
 

@@ -105,6 +105,17 @@ def test_commands_are_what_forwarding_controllers_take(n: int) -> None:
     assert same_bits(messages.decode_command(data), command)
 
 
+def test_commands_with_a_layout_are_understood() -> None:
+    """Some senders describe the one dimension there is."""
+    message = ros_class("std_msgs/msg/Float64MultiArray")()
+    dimension = ros_class("std_msgs/msg/MultiArrayDimension")()
+    dimension.label, dimension.size, dimension.stride = "joints", 2, 2
+    message.layout.dim, message.data = [dimension], [1.5, -2.5]
+    assert messages.decode_command(from_ros(message)).tolist() == [1.5, -2.5]
+    message.layout.dim = []
+    assert messages.decode_command(from_ros(message)).tolist() == [1.5, -2.5]
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_no_command_leaves_that_is_not_finite(value: float) -> None:
     """The last gate before the motors."""

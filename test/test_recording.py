@@ -295,6 +295,21 @@ def test_closing_twice_and_writing_afterwards_do_no_harm(tmp_path: Path) -> None
     assert {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()} == before
 
 
+def test_a_control_loop_need_not_wait_for_the_end(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "bag")
+    channel = recorder.channel("/text", STRING)
+    recorder.write(channel, messages.encode_string("x"), 1)
+    recorder.end()
+    assert not recorder.write(channel, messages.encode_string("y"), 2)
+    until = time.monotonic() + 30.0
+    while not recorder.ended and time.monotonic() < until:
+        time.sleep(0.01)
+    assert [messages.decode_string(data) for _, data, _ in read_back(tmp_path / "bag")] == ["x"]
+    assert metadata_of(tmp_path / "bag")["message_count"] == 1
+    recorder.close()
+    assert recorder.error == ""
+
+
 def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
     """Faster than any disk: what is left out is counted, the rest is whole, and the file says how many there were."""
     recorder = Recorder(tmp_path / "bag", RecorderOptions(queue_mb=0.1, flush_period_s=0.2))
@@ -671,3 +686,14 @@ def test_a_queue_that_overflows_leaves_a_run_that_can_be_read(tmp_path: Path) ->
     assert run.dropped == recording.dropped > 0
     assert len(run.tick) < 1000
     assert list(run.status) == [STOPPED if tick % 2 else TRACKING for tick in run.tick.tolist()]
+
+
+def test_a_step_that_cannot_be_recorded_is_said_and_does_not_reach_the_control_loop(tmp_path: Path) -> None:
+    setup = RunSetup("/ik_node", "panda", panda(), Settings(), {})
+    recording = RunRecording(tmp_path / "bag", setup, Instant(0, ROS_START_NS))
+    recording.sent(made_step(0, 7), [])
+    recording.sent(made_step(1, 6), [])
+    assert "lacks Steps" in recording.error
+    recording.sent(made_step(2, 7), [])
+    recording.close()
+    assert load_run(tmp_path / "bag").tick.tolist() == [0, 2]

@@ -20,6 +20,7 @@ class _Head(NamedTuple):
     names: tuple[str, ...]
 
 
+COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
 _HEAD_BEGIN = 12
 _MAX_HEADS = 64
 _heads: dict[int, _Head] = {}  # message length -> last head seen; saves most of the work and never touches the result
@@ -77,4 +78,13 @@ def decode_string(data: bytes) -> str:
 
 def decode_command(data: bytes) -> Array:
     """The numbers of the std_msgs/Float64MultiArray in ``data``, flat; InputError when it is none."""
-    return np.array(deserialize(data, "std_msgs/msg/Float64MultiArray").data, dtype=np.float64)
+    if data[:2] != LITTLE_ENDIAN:
+        return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
+    try:
+        cursor = Cursor(data)
+        if cursor.count():  # somebody describes the layout: rare enough for the general way
+            return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
+        cursor.count()  # data_offset, which is for arrays with a layout
+        return cursor.floats(cursor.count())
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no {COMMAND_TYPE}: {error}") from error

@@ -12,7 +12,7 @@ from ik_node import se3
 from ik_node.errors import InputError
 from ik_node.messages.cdr import Template, blank, header, make, serialize
 from ik_node.se3 import Array
-from ik_node.step import Status, Step
+from ik_node.step import Level, Mode, Status, Step
 
 COMMANDS = "commands"
 JOINT_VELOCITY = "joint_velocity"
@@ -120,9 +120,16 @@ class StepOutputs:
     """Says a Step on the node's output topics; one instance per node."""
 
     def __init__(self, joints: tuple[str, ...], base_frame: str, tip_frame: str) -> None:
+        """Makes every template now: the first tick must not take ten milliseconds longer than the rest."""
         self.joints = joints
         self.base_frame = base_frame
         self.tip_frame = tip_frame
+        _command_template(len(joints))
+        _joint_state_template(joints, False, True)
+        _pose_template(base_frame)
+        _twist_template(tip_frame)
+        _wrench_template(tip_frame)
+        encode_diagnostics([(Status(Level.OK, Mode.WAITING, ""), "", {})], 0)
 
     def command(self, step: Step) -> bytes:
         """The message for :data:`COMMANDS`: apart from the rest because it must leave first."""

@@ -95,6 +95,7 @@ class StepEncoder:
         self._size = 8 * _array_size(n)
         self._number = -1
         self._last: tuple[Status, tuple[str, ...]] | None = None
+        encode_texts(name, 0, Status(Level.OK, Mode.WAITING, ""), ())  # compiles the serialiser before the first tick
 
     def repeat_texts(self) -> None:
         """The last text record was lost: the next Step brings its own."""
@@ -102,19 +103,6 @@ class StepEncoder:
 
     def encode(self, step: Step) -> StepMessages:
         """The messages of ``step``."""
-        texts = None
-        if (step.status, step.binding) != self._last:
-            self._last = (step.status, step.binding)
-            self._number += 1
-            texts = encode_texts(self._name, self._number, step.status, step.binding)
-        now = step.now
-        head = _head.pack(
-            step.tick,
-            *divmod(now.monotonic_ns, NS),
-            *divmod(now.ros_ns, NS),
-            *divmod(step.state_time_ns, NS),
-            self._number,
-        )
         arrays = b"".join(
             (
                 step.joint_position.tobytes(),
@@ -133,6 +121,19 @@ class StepEncoder:
         )
         if len(arrays) != self._size:
             raise RecordingError(f"Step holds {len(arrays)} bytes of numbers, expected {self._size}")
+        texts = None
+        if (step.status, step.binding) != self._last:
+            self._last = (step.status, step.binding)
+            self._number += 1
+            texts = encode_texts(self._name, self._number, step.status, step.binding)
+        now = step.now
+        head = _head.pack(
+            step.tick,
+            *divmod(now.monotonic_ns, NS),
+            *divmod(now.ros_ns, NS),
+            *divmod(step.state_time_ns, NS),
+            self._number,
+        )
         return StepMessages(texts, self._template.fill(0, head + arrays))
 
 

@@ -7,6 +7,7 @@ readers skip the topic without a word, so both are made here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import yaml
@@ -66,10 +67,15 @@ def describe_topic(name: str, type_name: str, qos: Qos) -> Topic:
     """What a bag says of a topic; TypesysError when the type is not one of ROS 2 Jazzy's."""
     definition, _ = STORE.generate_msgdef(type_name, ros_version=2)
     metadata = {
-        "offered_qos_profiles": _yaml([qos_profile(qos)]),
+        "offered_qos_profiles": _qos_text(qos),
         "topic_type_hash": STORE.hash_rihs01(type_name),
     }
     return Topic(ChannelInfo(name, type_name, definition, metadata), qos)
+
+
+@lru_cache
+def _qos_text(qos: Qos) -> str:
+    return _yaml([qos_profile(qos)])
 
 
 def bag_metadata(parts: Sequence[PartInfo], topics: Sequence[Topic], custom: Mapping[str, str]) -> dict[str, Any]:
@@ -131,7 +137,7 @@ def _file(part: PartInfo) -> dict[str, Any]:
     }
 
 
-class _Plain(yaml.SafeDumper):
+class _Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
     """Writes equal parts out instead of referring to them: YAML anchors are lost on some readers."""
 
     def ignore_aliases(self, data: Any) -> bool:

@@ -94,7 +94,9 @@ class Content:
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
+    chunk_count: int = 0
+    chunk_index: bytearray = field(default_factory=bytearray)
+    """Index records of all chunks, packed: of a day's recording there are a million."""
     metadata: list[MetadataIndex] = field(default_factory=list)
     start_ns: int = MAX_TIME_NS
     end_ns: int = 0
@@ -180,7 +182,8 @@ class McapFile:
         for channel, entries in pending.index().items():
             content.counts[channel] += len(entries) // 2
         content.start_ns, content.end_ns = min(content.start_ns, start_ns), max(content.end_ns, end_ns)
-        content.chunks.append(
+        content.chunk_count += 1
+        content.chunk_index += _packed(
             ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=begin,
@@ -205,6 +208,7 @@ class McapFile:
         self._put(_packed(DataEnd(0)))
         self._put(_summary(self.content, self.size) + MAGIC)
         self._file.close()
+        self.content.chunk_index.clear()
 
     def abandon(self) -> None:
         """Closes without a summary."""
@@ -240,34 +244,26 @@ def _summary(content: Content, begin: int) -> bytes:
         attachment_count=0,
         channel_count=len(content.channels),
         channel_message_counts=dict(content.counts),
-        chunk_count=len(content.chunks),
+        chunk_count=content.chunk_count,
         message_count=content.message_count,
         message_end_time=content.end_ns,
         message_start_time=content.start_ns if content.message_count else 0,
         metadata_count=len(content.metadata),
         schema_count=len(content.schemas),
     )
-    groups: list[tuple[int, list[McapRecord]]] = [
-        (Opcode.SCHEMA, [*content.schemas]),
-        (Opcode.CHANNEL, [*content.channels]),
-        (Opcode.STATISTICS, [statistics]),
-        (Opcode.CHUNK_INDEX, [*content.chunks]),
-        (Opcode.METADATA_INDEX, [*content.metadata]),
-    ]
-    builder = RecordBuilder()
-    offsets: list[SummaryOffset] = []
+    groups = (
+        (Opcode.SCHEMA, b"".join(map(_packed, content.schemas))),
+        (Opcode.CHANNEL, b"".join(map(_packed, content.channels))),
+        (Opcode.STATISTICS, _packed(statistics)),
+        (Opcode.CHUNK_INDEX, bytes(content.chunk_index)),
+        (Opcode.METADATA_INDEX, b"".join(map(_packed, content.metadata))),
+    )
+    offset_start, offsets = begin, b""
     for opcode, records in groups:
-        start = builder.count
-        for record in records:
-            record.write(builder)
         if records:
-            offsets.append(
-                SummaryOffset(group_opcode=opcode, group_start=begin + start, group_length=builder.count - start)
-            )
-    offset_start = begin + builder.count
-    for entry in offsets:
-        entry.write(builder)
-    summary = bytes(builder.end())  # type: ignore[no-untyped-call]
+            offsets += _packed(SummaryOffset(group_opcode=opcode, group_start=offset_start, group_length=len(records)))
+            offset_start += len(records)
+    summary = b"".join(records for _, records in groups) + offsets
     opening = struct.pack("<BQQQ", Opcode.FOOTER, 20, begin, offset_start)
     crc = zlib.crc32(opening, zlib.crc32(summary))
     return summary + _packed(Footer(summary_crc=crc, summary_offset_start=offset_start, summary_start=begin))

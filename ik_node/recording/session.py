@@ -24,14 +24,17 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 import ik_node
 from ik_node.clock import Instant
+from ik_node.errors import RecordingError
 from ik_node.limits import motion_limits
 from ik_node.messages.encode import STATUS, TYPES, Outgoing, encode_string
 from ik_node.messages.parameters import PARAMETERS_TYPE, Parameters, encode_parameters
@@ -119,6 +122,7 @@ class RunRecording:
             for name, kind in TYPES.items()
         }
         self._sequences: dict[int, int] = {}
+        self._defect = ""
         self._put(self._channels[ROBOT_DESCRIPTION], encode_string(setup.robot.urdf), now.ros_ns)
         self._put(self._channels[SETUP], encode_string(setup_json(setup, self._input_topics())), now.ros_ns)
         self._put_parameters({}, now)
@@ -147,7 +151,11 @@ class RunRecording:
     def sent(self, step: Step, outgoing: Iterable[Outgoing]) -> None:
         """A Step and the messages that said it."""
         stamp_ns = step.now.ros_ns
-        texts, numbers = self._steps.encode(step)
+        try:
+            texts, numbers = self._steps.encode(step)
+        except RecordingError as error:  # a defect, but the arm goes on
+            self._defect = f"recording '{self.directory}' lacks Steps: {error}"
+            return
         if texts is None or self._put(self._channels[STEP_TEXTS], texts, stamp_ns).written:
             self._put(self._channels[STEP], numbers, stamp_ns)
         else:  # a Step without its texts could not be read
@@ -159,8 +167,12 @@ class RunRecording:
         """A message that went out beside the Steps: status, diagnostics."""
         self._put(self._outputs[message.topic], message.data, now.ros_ns)
 
+    def end(self) -> None:
+        """Stops recording and returns at once, for a control loop that goes on; the writer does the rest."""
+        self._recorder.end()
+
     def close(self) -> None:
-        """Makes the recording whole; harmless when called again."""
+        """Stops recording and waits until it is whole; harmless when called again."""
         self._recorder.close()
 
     @property
@@ -175,8 +187,8 @@ class RunRecording:
 
     @property
     def error(self) -> str:
-        """Why the recording has ended before :meth:`close`, or empty."""
-        return self._recorder.error
+        """Why the recording has ended before :meth:`close` or is not whole, or empty."""
+        return self._recorder.error or self._defect
 
     # --- channels ---
 
@@ -213,7 +225,8 @@ def recorder_options(settings: RecordingSettings) -> RecorderOptions:
     )
 
 
-def versions() -> dict[str, str]:
+@cache
+def versions() -> Mapping[str, str]:
     """What bits depend on: our version, the libraries', Python's, and the kind of processor."""
     found = {"ik_node": ik_node.__version__, "python": platform.python_version(), "machine": platform.machine()}
     for name in _DISTRIBUTIONS:
@@ -221,7 +234,7 @@ def versions() -> dict[str, str]:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return MappingProxyType(found)
 
 
 def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
@@ -243,7 +256,7 @@ def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
         "inputs": dict(input_topics),
         "call_kinds": {kind.name.lower(): int(kind) for kind in CallKind},
         "urdf_sha256": hashlib.sha256(robot.urdf.encode()).hexdigest(),
-        "versions": versions(),
+        "versions": dict(versions()),
     }
     return json.dumps(content, indent=1)
 

@@ -168,9 +168,13 @@ class Recorder:
         self._full.append(self._filling)
         self._filling = _Batch(begins_part=True, latched=dict(self._latched))
 
-    def close(self) -> None:
-        """Writes what is queued, the index and ``metadata.yaml``; harmless when called again."""
+    def end(self) -> None:
+        """Takes no more messages and returns at once; the thread makes the recording whole. See :attr:`ended`."""
         self._closing.set()
+
+    def close(self) -> None:
+        """As :meth:`end`, but waits for queued messages, index and ``metadata.yaml``; harmless when called again."""
+        self.end()
         self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive() and not self._error:
             self._error = f"recording '{self.directory}' was not finished within {CLOSE_TIMEOUT_S:g} s"
@@ -184,6 +188,11 @@ class Recorder:
     def error(self) -> str:
         """Why writing has ended, or empty; what was written until then stays readable."""
         return self._error
+
+    @property
+    def ended(self) -> bool:
+        """True when the thread has nothing left to do: the recording is whole, or has failed."""
+        return not self._thread.is_alive()
 
     @property
     def split_due(self) -> bool:

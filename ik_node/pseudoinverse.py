@@ -130,7 +130,7 @@ def pseudoinverse(matrix: ArrayLike, *, rcond: float | None = None, damping: flo
 def apply(matrix: Array, right: Array, *, cutoff: float = 0.0, damping: float = 0.0) -> tuple[Array, int]:
     """J^+ ``right`` and the rank of ``matrix`` J (m, n), without forming J^+; for use in an iteration, unchecked.
 
-    Singular values up to ``cutoff`` (absolute; rounding at least) are left out; ``damping`` as in :func:`pseudoinverse`.
+    Singular values up to ``cutoff`` (absolute; rounding at least) are left out; ``damping`` as for the whole matrix.
     """
     u, sigma, vt, _, rounding = decompose(matrix, "jacobian")
     rank = int(np.count_nonzero(sigma > max(cutoff, rounding)))

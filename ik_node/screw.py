@@ -87,6 +87,12 @@ class ScrewChain:
         """T_sb(q), (4, 4), of joint positions q (n,) in rad (m)."""
         return self.evaluate(q).pose_sb
 
+    def joint_origins(self, q: Array) -> Array:
+        """For drawing: of each revolute axis the point nearest the base's origin at q (n,), in m, one row per axis."""
+        pose, jacobian = self.evaluate(q)
+        axes = (se3.adjoint(pose) @ jacobian)[:, self.turning]
+        return np.cross(axes[3:].T, axes[:3].T)
+
     def evaluate(self, q: Array) -> Kinematics:
         """T_sb and body Jacobian (6, n), linear rows first, at q (n,)."""
         tail = np.eye(4)

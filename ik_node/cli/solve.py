@@ -1,0 +1,225 @@
+"""``ik_solve``: inverse kinematics from the command line, with every iteration."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ik_node import catalogue, se3
+from ik_node.errors import IkNodeError, InputError
+from ik_node.inverse_kinematics import PoseSolver
+from ik_node.iteration_figure import draw_plateau, draw_pose_iterations
+from ik_node.iteration_table import (
+    pose_document,
+    pose_table,
+    pose_target_document,
+    root_document,
+    root_table,
+    verdict,
+)
+from ik_node.newton_raphson import FORMS, PoseSolution, solve_pose
+from ik_node.notes_examples import PLATEAU_ROOTS, PLATEAU_STARTS, planar_2r, plateau
+from ik_node.robot import Robot
+from ik_node.screw import ScrewChain
+
+EXAMPLES = ("2r", "plateau")
+EPILOG = """\
+examples:
+  ik_solve --example 2r                                  Example 6.1 of the notes
+  ik_solve --example plateau --plot plateau.png          the scalar equation of Fig. 6.7
+  ik_solve --robot panda --target "0.4 0.1 0.5 1 0 0 0"  damped search with restarts, within the joint limits
+  ik_solve --robot ur5 --target "-0.5 0.1 0.1 0.5 0.5 -0.5 0.5" --seed 2.6 0.6 -1.7 1.1 -0.6 -1.6 --restarts 0
+                                                         pure Newton-Raphson from the seed
+exit code: 0 converged, 1 not converged, 2 the question cannot be understood
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    result = argparse.ArgumentParser(
+        prog="ik_solve", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    question = result.add_argument_group("question")
+    question.add_argument("--robot", help="name in example-robot-data")
+    question.add_argument("--urdf", type=Path, help="URDF file, instead of --robot")
+    question.add_argument("--base", default="", help="frame {s} of the target [the robot's usual base]")
+    question.add_argument("--tip", default="", help="tool frame {b} [the robot's usual tool]")
+    question.add_argument("--target", metavar='"X Y Z QX QY QZ QW"', help="pose of the tip in the base, m")
+    question.add_argument("--example", choices=EXAMPLES, help="a worked example of the notes instead of a robot")
+    method = result.add_argument_group("method")
+    method.add_argument("--seed", nargs="+", metavar="Q", help="joint positions to start from [middle of the range]")
+    method.add_argument(
+        "--restarts", type=int, help="further starts at most; 0: pure Newton-Raphson, no limits in the steps [many]"
+    )
+    method.add_argument("--form", choices=FORMS, default="body", help="frame of twist and Jacobian, with --restarts 0")
+    method.add_argument("--eps-omega", type=float, help="tolerance on the rotation, rad [1e-6; --example 2r: 1e-3]")
+    method.add_argument("--eps-v", type=float, help="tolerance on the position, m [1e-6; --example 2r: 1e-4]")
+    method.add_argument("--max-iterations", type=int, help="cap on all iterations together [3000; pure: 100]")
+    output = result.add_argument_group("output")
+    output.add_argument("--json", action="store_true", help="a document for machines instead of the table")
+    output.add_argument(
+        "--digits", type=int, choices=range(1, 16), metavar="N", help="of the table [4; --example 2r: 3]"
+    )
+    output.add_argument("--plot", type=Path, metavar="FILE", help="picture of the iterates and the screw axis")
+    return result
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Solves and prints; the exit code says whether it converged."""
+    given = sys.argv[1:] if arguments is None else arguments
+    options = parser().parse_args([_shield(argument) for argument in given])
+    try:
+        if options.example == "plateau":
+            return _plateau(options)
+        if options.example == "2r":
+            return _example_2r(options)
+        return _robot(options)
+    except IkNodeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def _shield(argument: str) -> str:
+    """A leading blank for numbers such as -1e-3, which argparse would take for an option."""
+    try:
+        float(argument)
+    except ValueError:
+        return argument
+    return f" {argument}" if argument.startswith("-") else argument
+
+
+def _numbers(text: str | Sequence[str], name: str) -> list[float]:
+    words = (text if isinstance(text, str) else " ".join(text)).replace(",", " ").split()
+    try:
+        return [float(word) for word in words]
+    except ValueError as error:
+        raise InputError(f"{name} is '{' '.join(words)}'; expected numbers") from error
+
+
+def _target(text: str | None) -> se3.Array:
+    if text is None:
+        raise InputError('--target is missing; expected "x y z qx qy qz qw"')
+    numbers = _numbers(text, "--target")
+    if len(numbers) != 7:
+        raise InputError(f"--target has {len(numbers)} numbers; expected 7: x y z qx qy qz qw")
+    return se3.pose_from(numbers[:3], numbers[3:], "--target")
+
+
+def _load(options: argparse.Namespace) -> Robot:
+    if options.urdf is not None:
+        try:
+            return Robot(options.urdf.read_text(), options.base, options.tip)
+        except OSError as error:
+            raise InputError(f"--urdf cannot be read: {error}") from error
+    if options.robot is None:
+        raise InputError(f"--robot is missing; or give --urdf, or --example {' or '.join(EXAMPLES)}")
+    arm = catalogue.find(options.robot)
+    return Robot(catalogue.read_urdf(arm), options.base or arm.base_frame, options.tip or arm.tip_frame)
+
+
+def _robot(options: argparse.Namespace) -> int:
+    robot = _load(options)
+    pose_sd = _target(options.target)
+    seed = None if options.seed is None else se3.vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
+    eps_omega, eps_v = _tolerances(options, 1e-6, 1e-6)
+    pure = options.restarts == 0
+    solver = PoseSolver(
+        robot, eps_omega=eps_omega, eps_v=eps_v, max_iterations=_given(options.max_iterations, 100 if pure else 3000)
+    )
+    if pure:
+        start = solver.start(0) if seed is None else seed
+        solution = solve_pose(
+            robot, pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
+            max_iterations=solver.max_iterations,
+        )  # fmt: skip
+    else:
+        solution = solver.solve(pose_sd, seed, restarts=options.restarts)
+    about = {
+        "robot": options.robot or str(options.urdf),
+        "base_frame": robot.base_frame,
+        "tip_frame": robot.tip_frame,
+        "joints": list(robot.joints),
+    }
+    title = f"{about['robot']}: {robot.tip_frame} seen from {robot.base_frame}, {'pure' if pure else 'damped'} steps"
+    return _finish(options, title, about | {"twist_frame": options.form if pure else "body"}, robot, pose_sd, solution)
+
+
+def _example_2r(options: argparse.Namespace) -> int:
+    example = planar_2r()
+    start = example.start
+    if options.seed is not None:
+        start = se3.vector(_numbers(options.seed, "--seed"), 2, "--seed")
+    eps_omega, eps_v = _tolerances(options, 1e-3, 1e-4)
+    solution = solve_pose(
+        example.chain, example.pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
+        max_iterations=_given(options.max_iterations, 100),
+    )  # fmt: skip
+    title = "Example 6.1: planar 2R arm, links of 1 m"
+    return _finish(
+        options, title, {"example": "2r", "twist_frame": options.form}, example.chain, example.pose_sd, solution
+    )
+
+
+def _finish(
+    options: argparse.Namespace,
+    title: str,
+    about: dict[str, Any],
+    chain: Robot | ScrewChain,
+    pose_sd: se3.Array,
+    solution: PoseSolution,
+) -> int:
+    if options.json:
+        document = about | {"target": pose_target_document(pose_sd)} | pose_document(solution)
+        print(json.dumps(document, indent=1))
+    else:
+        print(title)
+        planar = options.example == "2r"
+        digits = _given(options.digits, 3 if planar else 4)
+        print(pose_table(solution, chain.turning.tolist(), planar=planar, digits=digits))
+        counts = _count(solution.iterations, "iteration", "iterations")
+        if solution.searches > 1:
+            counts += f" in {solution.searches} searches"
+        print(f"{verdict(solution.converged, solution.reason)}; {counts}")
+        print("q = " + " ".join(f"{value:.{max(9, digits)}g}" for value in solution.q))
+    if options.plot is not None:
+        draw_pose_iterations(options.plot, title, chain, pose_sd, solution)
+        print(f"wrote {options.plot}", file=sys.stderr)
+    return 0 if solution.converged else 1
+
+
+def _plateau(options: argparse.Namespace) -> int:
+    starts = PLATEAU_STARTS if options.seed is None else tuple(_numbers(options.seed, "--seed"))
+    tolerance = _given(options.eps_v, 1e-10)
+    runs = [plateau(start, tolerance=tolerance, max_iterations=_given(options.max_iterations, 50)) for start in starts]
+    if options.json:
+        entries = [{"start": start} | root_document(run) for start, run in zip(starts, runs, strict=True)]
+        print(json.dumps({"example": "plateau", "roots": list(PLATEAU_ROOTS), "runs": entries}, indent=1))
+    else:
+        print("x_d - f(theta) = 1 / (1 + (theta - 2)^4) - 1/2: roots 1 and 3, plateau at 2")
+        for start, run in zip(starts, runs, strict=True):
+            print(f"\nfrom theta^0 = {start:g}: {verdict(run.converged, run.reason)}")
+            print(root_table(run))
+    if options.plot is not None:
+        draw_plateau(options.plot, starts, runs)
+        print(f"wrote {options.plot}", file=sys.stderr)
+    return 0
+
+
+def _count(number: int, singular: str, plural: str) -> str:
+    return f"{number} {singular if number == 1 else plural}"
+
+
+def _tolerances(options: argparse.Namespace, eps_omega: float, eps_v: float) -> tuple[float, float]:
+    return _given(options.eps_omega, eps_omega), _given(options.eps_v, eps_v)
+
+
+def _given(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -23,22 +23,25 @@ import numpy as np
 from ik_node import se3
 from ik_node.braking import Ramp, ramp_to_zero
 from ik_node.clock import NS, Instant, place
-from ik_node.control_law import twist_feedback
-from ik_node.errors import IkNodeError, InputError, SettingsError, StateRefused, TargetRefused
+from ik_node.control_law import IkDifference, twist_feedback
+from ik_node.errors import IkNodeError, InputError, StateRefused, TargetRefused
 from ik_node.inputs import JointSample, PoseSample
 from ik_node.joint_states import JointState, JointStateMerger
-from ik_node.resolution import resolve
+from ik_node.limits import motion_limits
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.status import StatusKeeper
 from ik_node.step import Level, Mode, Status, Step
+from ik_node.tick import Outcome, TickSolver
 from ik_node.trajectory.stream import StreamedPoses
 
 INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean of the time between ticks."""
 TARGET_AHEAD_S = 0.5
 """Target stamps may lie this far in the future (a planner's look-ahead) and still be believed."""
+HIGHEST_GAIN_FOR_LATE_ARMS = 100.0
+"""Gain [1/s] up to which ik_difference was seen to stay stable with 20 ms of lag and one sample of delay."""
 MOVING = (Mode.HOLDING, Mode.TRACKING, Mode.RAMPING)
 """Modes in which a velocity may be standing at the robot."""
 
@@ -52,7 +55,8 @@ class Controller:
         self.settings = settings
         self.targets_refused = 0
         self.states_refused = 0
-        self._velocity_limit, self._acceleration_limit = _limits(robot, settings)
+        self._solver = TickSolver(robot, settings)
+        self._ik = IkDifference(robot)
         self._states = JointStateMerger(robot.joints, settings.state)
         self._stream = StreamedPoses(settings.target)
         self._ramp: Ramp | None = None
@@ -65,7 +69,7 @@ class Controller:
         self._interval_s = self._period_s
         self._due_ns = 0
         self._last_tick_ns = 0
-        self._scales = np.repeat((1.0, settings.control.characteristic_length), 3)
+        self._commanded_ns = 0
 
     @property
     def status(self) -> Status:
@@ -141,14 +145,13 @@ class Controller:
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when these settings do not fit the robot; changes nothing."""
-        _limits(self.robot, settings)
+        motion_limits(self.robot, settings.limits, settings.control.rate_hz)
 
     def apply(self, settings: Settings) -> None:
         """Takes over changed settings; raises as :meth:`check` does, then without having changed anything."""
-        self._velocity_limit, self._acceleration_limit = _limits(self.robot, settings)
+        self._solver.configure(settings)
         self.settings = settings
         self._stream.configure(settings.target)
-        self._scales = np.repeat((1.0, settings.control.characteristic_length), 3)
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 
@@ -176,6 +179,8 @@ class Controller:
             self._ramp_down(now, Status(Level.ERROR, Mode.STOPPED, reason))
             return None if self._ramp is None else self._ramp_step(now)
         if self.status.mode not in (Mode.HOLDING, Mode.TRACKING):
+            self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
+            self._ik.solution = None
             self._stream.start(self.robot.pose(state.position), state.time_ns)
         return self._track(state, now)
 
@@ -186,50 +191,47 @@ class Controller:
         law = twist_feedback(pose_sb, motion, control)
         # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
         ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
-        jacobian_b = self.robot.evaluate(state.position + ahead_s * self._velocity).jacobian_b
-        resolved = resolve(jacobian_b, law.twist_b, threshold=control.singularity_threshold, row_scale=self._scales)
-        scale, binding = self._scale_to_limits(resolved.joint_velocity)
-        velocity = scale * resolved.joint_velocity
-        if not np.isfinite(velocity).all():
-            raise InputError(f"the resolution gave a joint velocity that is not finite: {velocity}")
-        lost_b = law.twist_b - resolved.attained
-        self._velocity = velocity
-        self._say_what_happens(now, lost_b, binding)
+        middle = state.position + ahead_s * self._velocity
+        elapsed_s = (now.monotonic_ns - self._commanded_ns) / NS
+        if control.control_law == "ik_difference":
+            wanted = self._ik.velocity(state.position, motion, self._interval_s, control.ik_difference_gain)
+            outcome = self._solver.follow_velocity(state.position, middle, wanted, self._velocity, elapsed_s)
+        else:
+            self._ik.solution = None
+            outcome = self._solver.follow_twist(state.position, middle, law.twist_b, self._velocity, elapsed_s)
+        self._velocity, self._commanded_ns = outcome.joint_velocity, now.monotonic_ns
+        self._say_what_happens(now, outcome, elapsed_s)
         self._tick += 1
         return Step(
             tick=self._tick - 1,
             now=now,
             state_time_ns=state.time_ns,
             joint_position=state.position,
-            joint_velocity=velocity,
+            joint_velocity=outcome.joint_velocity,
             pose_sb=pose_sb,
             pose_sd=motion.pose_sd,
             error_b=law.error_b,
             feedforward_b=law.feedforward_b,
             twist_b=law.twist_b,
-            lost_b=lost_b,
-            scale=scale,
-            multiplier_task=resolved.multiplier_task,
-            multiplier_potential=resolved.multiplier_potential,
-            singular_values=resolved.singular_values,
-            binding=binding,
+            lost_b=outcome.lost_b,
+            scale=outcome.scale,
+            multiplier_task=outcome.multiplier_task,
+            multiplier_potential=outcome.multiplier_potential,
+            singular_values=outcome.singular_values,
+            binding=outcome.binding,
             clearance=float("nan"),
             status=self.status,
         )
 
-    def _scale_to_limits(self, velocity: Array) -> tuple[float, tuple[str, ...]]:
-        """The part of ``velocity`` that respects every velocity limit, so that the tool slows on its path."""
-        over = np.abs(velocity) / self._velocity_limit
-        worst = int(np.argmax(over))
-        if not over[worst] > 1.0:
-            return 1.0, ()
-        # A few units in the last place less, so that rounding cannot end above the limit.
-        return float((1.0 - 1e-15) / over[worst]), (f"velocity {self.robot.joints[worst]}",)
-
-    def _say_what_happens(self, now: Instant, lost_b: Array, binding: tuple[str, ...]) -> None:
-        near = bool(np.abs(lost_b).max() > 1e-6)
+    def _say_what_happens(self, now: Instant, outcome: Outcome, elapsed_s: float) -> None:
+        near = bool(np.abs(outcome.lost_b).max() > 1e-6)
         self._status.flag("near a singularity, part of the twist is given up", near, now)
-        self._status.flag("slowed down by a joint velocity limit", bool(binding), now)
+        self._status.flag("slowed down by joint limits", outcome.scale < 1.0, now)
+        self._status.flag("a joint limit had to give way", bool(outcome.conceded), now)
+        self._status.flag("a command stood for longer than hold_periods", elapsed_s > self._solver.limits.dt_max_s, now)
+        self._status.flag("inverse kinematics finds no solution near the last one", not self._ik.converged, now)
+        late = self._gain_needs_a_prompt_arm()
+        self._status.flag("ik_difference_gain is stable only for an arm that answers without lag", late, now)
         self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
         if self._stream.goal_sd is None:
             self._status.set(Status(Level.OK, Mode.HOLDING, "no target yet"))
@@ -237,6 +239,10 @@ class Controller:
             self._status.set(Status(Level.OK, Mode.HOLDING, "the target stream has ended; holding the last pose"))
         else:
             self._status.set(Status(Level.OK, Mode.TRACKING, "following target_pose"))
+
+    def _gain_needs_a_prompt_arm(self) -> bool:
+        control = self.settings.control
+        return control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS
 
     def _in_base(self, sample: PoseSample) -> Array:
         """The target as T_sd; frames that the arm moves are taken at the last measured position."""
@@ -265,7 +271,7 @@ class Controller:
         self._rest = rest
         if self._velocity.any():
             if self._ramp is None:
-                self._ramp = ramp_to_zero(self._velocity, self._acceleration_limit, now.monotonic_ns)
+                self._ramp = ramp_to_zero(self._velocity, self._solver.limits.acceleration, now.monotonic_ns)
             self._status.set(Status(rest.level, Mode.RAMPING, rest.reason))
         else:
             self._status.set(rest)
@@ -297,7 +303,7 @@ class Controller:
 
     def _bare_step(self, now: Instant, velocity: Array) -> Step:
         """A step that commands ``velocity`` without a control law: what it did not compute is NaN."""
-        self._velocity = velocity
+        self._velocity, self._commanded_ns = velocity, now.monotonic_ns
         self._last_tick_ns = now.monotonic_ns
         self._tick += 1
         state = self._state
@@ -322,21 +328,3 @@ class Controller:
             clearance=float("nan"),
             status=self.status,
         )
-
-
-def _limits(robot: Robot, settings: Settings) -> tuple[Array, Array]:
-    """Velocity and acceleration limits, (n,) each."""
-    velocity = _per_joint(settings.limits.velocity, robot, "limits.velocity", robot.limits.velocity)
-    acceleration = _per_joint(settings.limits.acceleration, robot, "limits.acceleration", None)
-    return velocity * settings.limits.velocity_fraction, acceleration
-
-
-def _per_joint(values: tuple[float, ...], robot: Robot, name: str, default: Array | None) -> Array:
-    if not values and default is not None:
-        return default
-    if len(values) == 1:
-        return np.full(robot.n, values[0])
-    if len(values) != robot.n:
-        joints = ", ".join(robot.joints)
-        raise SettingsError(f"{name} has {len(values)} values; expected 1 or {robot.n}, for {joints}")
-    return np.array(values)

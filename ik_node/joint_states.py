@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ik_node.clock import NS, Instant, place
 from ik_node.errors import StateRefused
 from ik_node.inputs import JointSample
 from ik_node.se3 import Array
 from ik_node.settings import StateSettings
+
+Indices = NDArray[np.intp]
 
 
 class JointState(NamedTuple):
@@ -31,7 +34,7 @@ class JointStateMerger:
         self._position = np.full(len(joints), np.nan)
         self._time_ns = np.zeros(len(joints), dtype=np.int64)
         self._missing = np.ones(len(joints), dtype=bool)
-        self._places: dict[tuple[str, ...], tuple[Array, Array]] = {}
+        self._places: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
         self._last_time_ns = 0
         self.received_ns = 0
         """Monotonic arrival of the newest complete state; 0 before the first."""
@@ -75,7 +78,7 @@ class JointStateMerger:
         """Controlled joints that no message has named yet."""
         return tuple(name for name, value in zip(self._joints, self._position, strict=True) if np.isnan(value))
 
-    def _match(self, names: tuple[str, ...]) -> tuple[Array, Array]:
+    def _match(self, names: tuple[str, ...]) -> tuple[Indices, Indices]:
         """Indices into our joints and into the message where names agree; remembered, as drivers repeat themselves."""
         if names not in self._places:
             if len(self._places) > 64:

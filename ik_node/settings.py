@@ -17,8 +17,10 @@ from ik_node.errors import SettingsError
 
 Value = bool | int | float | str | tuple[str, ...] | tuple[float, ...]
 
-METHODS = ("plain",)
-"""Names of the pseudoinverses that ``method`` can select."""
+METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+"""Names of the pseudoinverses that ``method`` can select; :mod:`ik_node.methods` has them."""
+CONTROL_LAWS = ("twist_feedback", "ik_difference")
+"""Names of the laws that ``control_law`` can select; :mod:`ik_node.control_law` has them."""
 
 
 def setting(
@@ -131,6 +133,25 @@ class ControlSettings(Group):
     )
     min_rate_fraction: float = setting(0.3, "Joint states slower than this part of rate_hz are a fault.", "", 0.0, 1.0)
     method: str = setting("plain", "How joint velocities are chosen among those that give the twist.", choices=METHODS)
+    gradient_gain: float = setting(
+        0.02, "k of the methods with a gradient; more moves the null space faster, and at last unstably.", "s", 0.0, 1.0
+    )
+    null_space_speed: float = setting(
+        0.3, "No joint moves faster than this for the gradient's sake.", "rad/s or m/s", 1e-3, 10.0
+    )
+    jacobian: str = setting("body", "Frame in which the problem is written.", choices=("body", "space"))
+    control_law: str = setting(
+        "twist_feedback",
+        "Feedback on the body twist, or on the joints that inverse kinematics gives.",
+        choices=CONTROL_LAWS,
+    )
+    ik_difference_gain: float = setting(
+        20.0,
+        "Gain of ik_difference; 1 over the period is the notes' law and needs an arm without lag.",
+        "1/s",
+        0.1,
+        2000.0,
+    )
     gain_linear: float = setting(10.0, "K_p on the position error.", "1/s", 0.0, 200.0)
     gain_angular: float = setting(10.0, "K_p on the orientation error.", "1/s", 0.0, 200.0)
     max_feedback_linear: float = setting(
@@ -181,6 +202,37 @@ class LimitSettings(Group):
 
 
 @dataclass(frozen=True)
+class ObstacleSettings(Group):
+    """Obstacles, self-collision and the secondary gradients of redundant arms."""
+
+    prefix: ClassVar[str] = "obstacles"
+    scene: str = setting("", "YAML file of obstacles.", read_only=True)
+    geometry: str = setting(
+        "hull", "What each link of the arm becomes.", choices=("hull", "capsule", "none"), read_only=True
+    )
+    package_path: tuple[str, ...] = setting(
+        (), "Folders in which package:// meshes are looked for before the ROS installation's.", read_only=True
+    )
+    srdf: str = setting("", "SRDF as text; the pairs it disables are not watched.", read_only=True)
+    self_collision: bool = setting(True, "Watch pairs of the arm's own links.", read_only=True)
+    ignored_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are not watched.", read_only=True)
+    watched_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are watched all the same.", read_only=True)
+    range: float = setting(0.15, "Obstacles nearer than this push the null space.", "m", 0.001, 2.0)
+    self_range: float = setting(0.05, "Links of the arm nearer than this push the null space.", "m", 0.001, 2.0)
+    strength: float = setting(100.0, "Push of a pair in contact.", "N", 0.0, 1e5)
+    damper: bool = setting(True, "Keep the speed of approach to obstacles and to itself low enough to stop.")
+    damper_range: float = setting(0.5, "Dampers look no further than this.", "m", 0.001, 5.0)
+    stop_distance: float = setting(0.01, "Distance from obstacles at which approach ends.", "m", 0.0, 1.0)
+    self_stop_distance: float = setting(0.002, "Distance of own links at which approach ends.", "m", 0.0, 1.0)
+    approach_deceleration: float = setting(
+        1.0, "Deceleration that dampers count on; the arm must be able to do more.", "m/s2", 0.01, 100.0
+    )
+    centring: float = setting(0.0, "Weight of the middle of the joint ranges in the null space.", "J", 0.0, 1e4)
+    posture_weight: float = setting(0.0, "Weight of `posture` in the null space.", "N m/rad", 0.0, 1e4)
+    posture: tuple[float, ...] = setting((), "Wanted joint positions in the order of `joints`.", "rad or m")
+
+
+@dataclass(frozen=True)
 class TargetSettings(Group):
     """How a stream of poses becomes a motion."""
 
@@ -208,15 +260,15 @@ class TargetSettings(Group):
     max_linear_jerk: float = setting(500.0, "Highest jerk of the reference.", "m/s3", 1.0, 1e5)
     max_angular_jerk: float = setting(1000.0, "Highest angular jerk of the reference.", "rad/s3", 1.0, 1e5)
     latency_linear: float = setting(
-        0.7, "Most that the position may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+        0.8, "Most that the position may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
     )
     latency_angular: float = setting(
-        1.0, "Most that the orientation may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+        1.05, "Most that the orientation may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
     )
     bandwidth: float = setting(
-        3.0, "Bandwidth of the reference times the sample period; less is smoother, more is nearer.", "rad", 0.1, 10.0
+        3.5, "Bandwidth of the reference times the sample period; less is smoother, more is nearer.", "rad", 0.1, 10.0
     )
-    max_bandwidth: float = setting(60.0, "Highest bandwidth of the reference, for fast streams.", "rad/s", 1.0, 80.0)
+    max_bandwidth: float = setting(65.0, "Highest bandwidth of the reference, for fast streams.", "rad/s", 1.0, 80.0)
 
 
 @dataclass(frozen=True)
@@ -259,6 +311,7 @@ class Settings:
     arm: ArmSettings = ArmSettings()
     control: ControlSettings = ControlSettings()
     limits: LimitSettings = LimitSettings()
+    obstacles: ObstacleSettings = ObstacleSettings()
     target: TargetSettings = TargetSettings()
     state: StateSettings = StateSettings()
     recording: RecordingSettings = RecordingSettings()

@@ -1,6 +1,10 @@
-"""A robot that integrates velocity commands: the ideal arm that a demonstration and the tests drive."""
+"""A robot that integrates velocity commands: ideal, or late, slow and noisy as real ones are."""
 
 from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,6 +12,18 @@ from ik_node.clock import NS
 from ik_node.errors import InputError
 from ik_node.robot import JointLimits
 from ik_node.se3 import Array
+from ik_node.settings import Group, setting
+
+
+@dataclass(frozen=True)
+class ArmModel(Group):
+    """How a simulated arm answers; the defaults are an ideal one."""
+
+    lag_s: float = setting(0.0, "Time constant of the first-order answer of each joint's velocity.", "s", 0.0, 1.0)
+    delay_s: float = setting(0.0, "Time from a command's arrival until the arm knows it.", "s", 0.0, 1.0)
+    encoder_noise: float = setting(0.0, "Standard deviation of the measured positions.", "rad or m", 0.0, 0.1)
+    dropout: float = setting(0.0, "Part of the joint states that get lost.", "", 0.0, 1.0)
+    seed: int = setting(0, "Of noise and dropouts.")
 
 
 class SimulatedArm:
@@ -17,25 +33,37 @@ class SimulatedArm:
     limits and follows no velocity beyond the joint's own.
     """
 
-    def __init__(self, position: Array, limits: JointLimits, time_ns: int) -> None:
+    def __init__(self, position: Array, limits: JointLimits, time_ns: int, model: ArmModel | None = None) -> None:
         """Starts at rest at ``position`` (n,), rad (m)."""
+        self.model = model or ArmModel()
         self._position = position.copy()
         self._limits = limits
         self._velocity = np.zeros(len(position))
+        self._command = np.zeros(len(position))
+        self._waiting: deque[tuple[int, Array]] = deque()
         self._time_ns = time_ns
-        self.commands = 0
-        """Commands taken."""
+        self._generator = np.random.default_rng(self.model.seed)
 
     def advance(self, time_ns: int) -> tuple[Array, Array]:
-        """Joint positions and velocities, (n,) each, at a monotonic time that never goes back."""
-        elapsed_s = max(time_ns - self._time_ns, 0) / NS
-        self._time_ns = max(time_ns, self._time_ns)
-        self._position += elapsed_s * self._velocity
-        np.clip(self._position, self._limits.lower, self._limits.upper, out=self._position)
+        """True joint positions and velocities, (n,) each, at a monotonic time that never goes back."""
+        while self._waiting and self._waiting[0][0] <= time_ns:
+            from_ns, command = self._waiting.popleft()
+            self._move(from_ns)
+            self._command = command
+        self._move(time_ns)
         return self._position.copy(), self._velocity.copy()
 
+    def measure(self, time_ns: int) -> Array | None:
+        """Measured joint positions (n,), with the model's noise; None where the measurement got lost."""
+        position, _ = self.advance(time_ns)
+        if self.model.dropout > 0.0 and self._generator.random() < self.model.dropout:
+            return None
+        if self.model.encoder_noise > 0.0:
+            position += self.model.encoder_noise * self._generator.standard_normal(len(position))
+        return position
+
     def command(self, velocity: Array, time_ns: int) -> None:
-        """Takes a velocity command (n,), in force from ``time_ns`` on; InputError (nothing changes) when it is unfit.
+        """Takes a velocity command (n,) that arrives now; InputError (nothing changes) when it is unfit.
 
         As forward_command_controller does: a command of the wrong size or with a value that is not finite is dropped.
         """
@@ -43,6 +71,19 @@ class SimulatedArm:
             raise InputError(f"command has {velocity.size} values, expected {self._velocity.size}")
         if not np.isfinite(velocity).all():
             raise InputError(f"command is not finite: {velocity}")
+        limited = np.clip(velocity, -self._limits.velocity, self._limits.velocity)
+        self._waiting.append((time_ns + round(self.model.delay_s * NS), limited))
         self.advance(time_ns)
-        self._velocity = np.clip(velocity, -self._limits.velocity, self._limits.velocity)
-        self.commands += 1
+
+    def _move(self, time_ns: int) -> None:
+        elapsed_s = max(time_ns - self._time_ns, 0) / NS
+        self._time_ns = max(time_ns, self._time_ns)
+        if self.model.lag_s > 0.0:
+            left = math.exp(-elapsed_s / self.model.lag_s)
+            behind = self._velocity - self._command
+            self._position += elapsed_s * self._command + self.model.lag_s * (1.0 - left) * behind
+            self._velocity = self._command + left * behind
+        else:
+            self._position += elapsed_s * self._command
+            self._velocity = self._command
+        np.clip(self._position, self._limits.lower, self._limits.upper, out=self._position)

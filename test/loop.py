@@ -13,7 +13,7 @@ from ik_node.inputs import JointSample, PoseSample
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import ArmSettings, Settings
-from ik_node.simulator import SimulatedArm
+from ik_node.simulator import ArmModel, SimulatedArm
 from ik_node.step import Mode, Step
 
 READY = {
@@ -32,12 +32,18 @@ def make_robot(name: str) -> Robot:
 class Loop:
     """Ticks of ``1 / rate_hz``: the arm moves, a joint state goes to the controller, its command to the arm."""
 
-    def __init__(self, robot: Robot, start: tuple[float, ...] | Array, settings: Settings | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        start: tuple[float, ...] | Array,
+        settings: Settings | None = None,
+        model: ArmModel | None = None,
+    ) -> None:
         self.robot = robot
         self.settings = settings or Settings()
         self.controller = Controller(robot, self.settings)
         self.time_ns = NS
-        self.arm = SimulatedArm(np.array(start), robot.limits, self.time_ns)
+        self.arm = SimulatedArm(np.array(start), robot.limits, self.time_ns, model)
         self.steps: list[Step] = []
         self.period_ns = round(NS / self.settings.control.rate_hz)
 
@@ -62,7 +68,10 @@ class Loop:
     def tick(self) -> Step | None:
         """One period."""
         self.time_ns += self.period_ns
-        sample = JointSample(self.now.ros_ns, self.robot.joints, self.position)
+        measured = self.arm.measure(self.time_ns)
+        if measured is None:
+            return None
+        sample = JointSample(self.now.ros_ns, self.robot.joints, measured)
         return self.take(self.controller.on_joint_state(sample, self.now))
 
     def take(self, step: Step | None) -> Step | None:

@@ -27,7 +27,7 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 
 def format_from(options: argparse.Namespace) -> PoseFileFormat:
     """The format that the given options describe; TrajectoryFileError when they do not fit together."""
-    given = {}
+    given: dict[str, Any] = {}
     for field in dataclasses.fields(PoseFileFormat):
         value = getattr(options, field.name)
         if value is not None:

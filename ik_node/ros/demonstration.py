@@ -26,8 +26,8 @@ from ik_node.report import FILE_NAME, Truth, as_json, as_text, figures, truth_fr
 from ik_node.report.picture import draw
 from ik_node.ros.demo_node import DemoNode
 from ik_node.ros.processes import NodeProcess
-from ik_node.se3 import Array
 from ik_node.ros_parameter_file import read_settings
+from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.trajectory import pose_file, shapes
 from ik_node.trajectory.motion import Trajectory

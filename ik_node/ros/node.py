@@ -127,7 +127,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         if not begin:
             return True
         done = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
-        return done and self.trigger_activate() == TransitionCallbackReturn.SUCCESS
+        return bool(done and self.trigger_activate() == TransitionCallbackReturn.SUCCESS)
 
     def _close(self) -> None:
         for subscription in self._inputs:

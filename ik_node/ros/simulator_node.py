@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from typing import Any
 
@@ -16,7 +17,7 @@ from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
 from ik_node.ros import qos
 from ik_node.settings import ArmSettings
-from ik_node.simulator import SimulatedArm
+from ik_node.simulator import ArmModel, SimulatedArm
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
@@ -41,7 +42,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
         self._joints = robot.joints
-        self._arm = SimulatedArm(position, robot.limits, time.monotonic_ns())
+        model = {field.name: self._number(field) for field in dataclasses.fields(ArmModel)}
+        self._arm = SimulatedArm(position, robot.limits, time.monotonic_ns(), ArmModel(**model))
         self._states = self.create_publisher(JointState, "joint_states", qos.OUTPUT)
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=robot.urdf))
@@ -52,6 +54,11 @@ class SimulatorNode(Node):  # type: ignore[misc]
         about = ParameterDescriptor(description=description, read_only=True)
         return str(self.declare_parameter(name, default, about).value)
 
+    def _number(self, field: dataclasses.Field[Any]) -> Any:
+        unit = f" [{field.metadata['unit']}]" if field.metadata["unit"] else ""
+        about = ParameterDescriptor(description=field.metadata["description"] + unit, read_only=True)
+        return self.declare_parameter(field.name, field.default, about).value
+
     def _on_command(self, data: bytes) -> None:
         try:
             self._arm.command(decode.decode_command(data), time.monotonic_ns())
@@ -59,8 +66,10 @@ class SimulatorNode(Node):  # type: ignore[misc]
             self.get_logger().warning(f"command dropped: {error}", throttle_duration_sec=1.0)
 
     def _publish(self) -> None:
-        position, velocity = self._arm.advance(time.monotonic_ns())
-        stamp_ns = self.get_clock().now().nanoseconds
+        time_ns, stamp_ns = time.monotonic_ns(), self.get_clock().now().nanoseconds
+        position, (_, velocity) = self._arm.measure(time_ns), self._arm.advance(time_ns)
+        if position is None:
+            return
         self._states.publish(encode.encode_joint_state(self._joints, stamp_ns, position, velocity))
 
     def finish(self, executor: Any) -> None:

@@ -48,3 +48,11 @@ class RecordingError(IkNodeError):
 
 class TrajectoryFileError(IkNodeError, ValueError):
     """A file of poses cannot be understood as the caller described it."""
+
+
+class SceneError(IkNodeError, ValueError):
+    """A file of obstacles cannot be understood."""
+
+
+class CollisionUnavailableError(RobotError):
+    """There is no collision geometry to measure distances with; the message says why. The rest works without."""

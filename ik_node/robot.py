@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ik_node.errors import RobotError, UnknownNameError
 from ik_node.se3 import Array
@@ -149,6 +150,23 @@ class Robot:
         if not self._in_model_order:
             mass = mass[np.ix_(self._velocity_index, self._velocity_index)]
         return Dynamics(mass, self._columns(gravity))
+
+    @property
+    def pose_base_root(self) -> Array:
+        """The root of the model seen from the base frame, (4, 4); constant."""
+        result: Array = self._pose_base_root
+        return result
+
+    def root_jacobian(self, q: Array) -> Array:
+        """(6, n): column j is the twist, in axes and at the origin of the model's root, that joint j gives to all that
+        it moves. Leaves the placements of all joints at q in :attr:`data`, for Pinocchio's geometry functions."""
+        jacobian: Array = pin.computeJointJacobians(self.model, self.data, self._configuration(q))
+        return self._columns(jacobian)
+
+    def joint_moves(self, parent: int) -> NDArray[np.bool_]:
+        """(n,), bool: which controlled joints move what hangs on joint ``parent`` of the model."""
+        supports = {self.model.names[index] for index in self.model.supports[parent]}
+        return np.array([name in supports for name in self._model_joints])
 
     def frame_pose(self, q: Array, frame: str) -> Array:
         """T_sf(q), (4, 4) of any frame of the model; UnknownNameError with the list of frames."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import mpmath
 import numpy as np
+import pinocchio as pin
 import pytest
 from support import shared_path
 
@@ -191,6 +192,20 @@ def test_second_term_balances_gravity_only_without_redundancy() -> None:
         gap = np.linalg.norm(j.T @ result.multiplier_potential - gravity) / np.linalg.norm(gravity)
         assert bool(gap < 1e-12) is balanced
         np.testing.assert_allclose(j.T @ result.multiplier - gravity, mass @ result.joint_velocity, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_constrained_dynamics_of_pinocchio_agree(name: str) -> None:
+    # An arm at rest without torques, one instant after a constraint J qdd = V: the same equations, another program.
+    arm = robot(name)
+    q = np.array([0.3, -0.6, -1.1, -2.7, 0.8, 1.0, 0.3])[: arm.n]
+    j, v = arm.evaluate(q).jacobian_b, np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
+    mass, gravity = arm.dynamics(q)
+    still = np.zeros(arm.n)
+    acceleration = pin.forwardDynamics(arm.model, arm.data, q, still, still, j, -v)
+    result = resolve(j, v, mass, gravity, 1.0)
+    close(result.joint_velocity, acceleration, 1e-11)
+    close(result.multiplier, np.array(arm.data.lambda_c), 1e-11)
 
 
 def test_no_target_no_motion() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "ik_node"
-EXECUTABLES = ("demo", "node", "report", "simulator")
+EXECUTABLES = ("benchmark", "demo", "node", "report", "simulator", "solve")
 
 
 def folder(name: str) -> tuple[str, list[str]]:

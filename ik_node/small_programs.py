@@ -191,6 +191,86 @@ def _step(hessian: Array | None, slope: Array, free: Array) -> Array:
     return np.asarray(-(free @ downhill))
 
 
+def entry(program: Program) -> tuple[float, Array] | None:
+    """The least s in [0, 1] that the rows allow with some z, and such a z; None where there is none.
+
+    Here ``beta`` may be negative: s = 0, z = 0 need not be allowed.
+    """
+    dimensions = program.zeta.shape[1]
+    if dimensions > 1:
+        return _entry_of_many(program)
+    alpha, beta = program.alpha, program.beta
+    if dimensions == 0:
+        ends = _range(alpha, beta, program.rounding)
+        return None if ends is None else (ends[0], np.zeros(0))
+    zeta = program.zeta[:, 0]
+    up, down = zeta > ROUNDING, zeta < -ROUNDING
+    rest = ~(up | down)
+    above, below = zeta[up], -zeta[down]
+    size = above[:, None] + below[None, :]
+    pair_alpha = (np.outer(alpha[up], below) + np.outer(above, alpha[down])) / size
+    pair_beta = (np.outer(beta[up], below) + np.outer(above, beta[down])) / size
+    finite = np.isfinite(pair_beta)
+    ends = _range(
+        np.concatenate((pair_alpha[finite], alpha[rest])),
+        np.concatenate((pair_beta[finite], beta[rest])),
+        program.rounding,
+    )
+    if ends is None:
+        return None
+    room = beta - alpha * ends[0]
+    highest = float(np.min(room[up] / above)) if up.any() else np.inf
+    lowest = float(np.max(-room[down] / below)) if down.any() else -np.inf
+    middle = 0.5 * (lowest + highest)
+    return ends[0], np.array([middle if np.isfinite(middle) else 0.0])
+
+
+def _range(alpha: Array, beta: Array, rounding: float) -> tuple[float, float] | None:
+    """Least and largest s in [0, 1] with ``alpha`` s <= ``beta``; None where there is none."""
+    too_small, too_large = beta < -rounding, alpha > beta + rounding
+    if (too_small & (alpha >= 0.0)).any() or (too_large & (alpha <= 0.0)).any():
+        return None
+    least = float(np.max(beta[too_small] / alpha[too_small], initial=0.0))
+    largest = float(np.min(beta[too_large] / alpha[too_large], initial=1.0))
+    return (least, largest) if least <= largest else None
+
+
+def _entry_of_many(program: Program) -> tuple[float, Array] | None:
+    dimensions = program.zeta.shape[1]
+    limited = np.isfinite(program.beta)
+    beta = program.beta[limited]
+    goal = np.zeros(1 + dimensions)
+    goal[0] = 1.0
+    upper = np.concatenate(([1.0], np.full(dimensions, UNLIMITED), beta))
+    lower = np.concatenate(([0.0], np.full(dimensions + len(beta), -UNLIMITED)))
+    matrix = np.column_stack((program.alpha[limited], program.zeta[limited]))
+    found, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=1e-10)
+    if flag != 1 or not _fits(matrix @ found, beta):
+        return None
+    return min(max(float(found[0]), 0.0), 1.0), np.asarray(found[1:])
+
+
+def nearest_to_ray(
+    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, otherwise: Array
+) -> tuple[Array, float]:
+    """The qd in the box, with ``rows`` qd >= ``least``, and the t in [0, 1] of least \\|J qd - t V\\|.
+
+    Among equals nearly the one nearest to rest. Where the solver fails: ``otherwise`` and 0.
+    """
+    n = len(lo)
+    miss = np.column_stack((jacobian, -twist))
+    hessian = miss.T @ miss
+    # What is left open is drawn to rest, by so little that the direction does not suffer.
+    hessian[np.diag_indices(n + 1)] += 1e-11 * (1.0 + np.trace(hessian))
+    upper = np.concatenate((np.minimum(hi, UNLIMITED), [1.0], np.full(len(least), UNLIMITED)))
+    lower = np.concatenate((np.maximum(lo, -UNLIMITED), [0.0], least))
+    matrix = np.column_stack((rows, np.zeros(len(least))))
+    found, _, flag, _ = daqp.solve(hessian, np.zeros(n + 1), matrix, upper, lower, primal_tol=1e-10)
+    if flag != 1 or not np.isfinite(found).all():
+        return otherwise, 0.0
+    return np.minimum(np.maximum(found[:n], lo), hi), min(max(float(found[n]), 0.0), 1.0)
+
+
 def nearest_to_rest(clipped: Array, lo: Array, hi: Array, rows: Array, least: Array) -> tuple[Array, Array]:
     """The least ||qd|| with lo <= qd <= hi and ``rows`` qd >= ``least``, and by how much each row had to give way.
 

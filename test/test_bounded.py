@@ -32,6 +32,7 @@ def test_random_states_against_independent_solvers(name: str, method: str) -> No
         assert found.trespass <= 0.0
         assert found.residual < 1e-9
         assert not abs(found.scale_difference) > 1e-6
+        assert abs(found.deviation_difference) < 1e-6
         assert abs(found.cost_difference) < 1e-6
         assert found.multiplier_error < 1e-6
         assert found.binds or found.closed_form_difference < 1e-8
@@ -75,8 +76,8 @@ def test_the_direction_is_kept_and_clipping_would_bend_it() -> None:
     assert bent > 0.05
 
 
-def test_a_box_without_zero_is_answered_about_its_point_nearest_to_rest() -> None:
-    """A moving arm that is told to stop, to reverse, or to turn: infeasible as J qd = s V, here always answered."""
+def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows() -> None:
+    """A moving arm told to stop, to reverse or to turn: J qd = s V is infeasible. Slowed on its way, it does not bend."""
     robot, rng = optimum.arm("panda"), np.random.default_rng(5)
     limits = motion_limits(robot, LimitSettings(), 500.0)
     for _ in range(100):
@@ -87,11 +88,15 @@ def test_a_box_without_zero_is_answered_about_its_point_nearest_to_rest() -> Non
         now = jacobian @ moving
         for twist in (np.zeros(6), -now, rng.normal(size=6), now):
             answer = bounded.solve(jacobian, twist, bounds.lo, bounds.hi)
-            goal = jacobian @ answer.base_velocity
-            goal = goal + answer.scale * (twist - goal)
+            goal = jacobian @ answer.base_velocity + (answer.scale - answer.base_scale) * twist
             assert answer.attained == pytest.approx(goal, abs=1e-10)
-            assert answer.base_velocity == pytest.approx(np.clip(0.0, bounds.lo, bounds.hi))
             assert not answer.fallback
+            task = optimum.Problem(jacobian, twist, bounds.lo, bounds.hi, None, None, 0.0)
+            astray = float(np.linalg.norm(answer.attained - answer.scale * twist))
+            assert astray <= optimum.least_deviation(task) + 1e-7
+        slowed = bounded.solve(jacobian, 3.0 * now, bounds.lo, bounds.hi)
+        assert 0.25 < slowed.scale < 1.0
+        assert slowed.attained == pytest.approx(3.0 * slowed.scale * now, abs=1e-9)
 
 
 def reference_scale(jacobian: Array, twist: Array, answer: Bounded, lo: Array, hi: Array, dampers: Dampers) -> float:
@@ -101,8 +106,8 @@ def reference_scale(jacobian: Array, twist: Array, answer: Bounded, lo: Array, h
         np.append(np.zeros(n), -1.0),
         A_ub=np.column_stack((-dampers.rows, np.zeros(len(dampers.least)))),
         b_ub=-(dampers.least - answer.damper_slack),
-        A_eq=np.column_stack((jacobian, jacobian @ base - twist)),
-        b_eq=jacobian @ base,
+        A_eq=np.column_stack((jacobian, -twist)),
+        b_eq=jacobian @ base - answer.base_scale * twist,
         bounds=[*zip(lo.tolist(), hi.tolist(), strict=True), (0.0, 1.0)],
         options={"primal_feasibility_tolerance": 1e-9},
     )

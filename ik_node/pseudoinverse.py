@@ -82,8 +82,8 @@ def positive_definite(values: ArrayLike, size: int, name: str) -> Array:
 def decompose(matrix: Array, name: str = "matrix", rcond: float | None = None) -> Decomposition:
     """Singular value decomposition of ``matrix`` (m, n) with its numerical rank.
 
-    Singular values up to ``rcond`` times the largest count as zero; the default is max(m, n) times the rounding unit,
-    so that only rounding is cut off. InputError naming ``name`` where the matrix holds NaN or infinity.
+    Singular values up to ``rcond`` times the largest count as zero; the default is 10 max(m, n) times the rounding
+    unit (some 1e-14), so that only rounding is cut off. InputError naming ``name`` where the matrix is not finite.
     """
     rows, columns = matrix.shape
     try:

@@ -6,6 +6,7 @@ joint as cosine and sine.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -70,7 +71,7 @@ class Robot:
         wanted = tuple(_strip(name, joint_prefix) for name in joints)
         model_joints = _select(full, self.base_frame, self.tip_frame, wanted)
         held = [index for index in range(1, full.njoints) if full.names[index] not in model_joints]
-        self.model = pin.buildReducedModel(full, held, pin.neutral(full))
+        self.model = _reduced(full, held)
         self.data = self.model.createData()
         self.urdf = urdf
         self.joints = tuple(joint_prefix + name for name in model_joints)
@@ -138,7 +139,8 @@ class Robot:
         """Pose and body Jacobian at q (n,) [rad, m]."""
         pin.computeJointJacobians(self.model, self.data, self._configuration(q))
         placement = pin.updateFramePlacement(self.model, self.data, self._tip_id)
-        jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, pin.LOCAL)
+        # Pinocchio drops the second dimension for an arm of one joint.
+        jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, pin.LOCAL).reshape(6, -1)
         return Kinematics(self._pose_base_root @ placement.homogeneous, self._columns(jacobian))
 
     def dynamics(self, q: Array) -> Dynamics:
@@ -194,6 +196,27 @@ def _read(urdf: str) -> Any:
         return pin.buildModelFromXML(urdf)
     except (ValueError, RuntimeError) as error:
         raise RobotError(f"robot_description is not a URDF that can be read: {error}") from error
+
+
+def _reduced(full: Any, held: list[int]) -> Any:
+    """``full`` with the joints ``held`` fixed at neutral.
+
+    Pinocchio finds frames by name alone here and gives up where a joint and a link share one (so100, anymal): their
+    joints bear another name meanwhile.
+    """
+    count = Counter(frame.name for frame in full.frames)
+    _rename_joints(full, {name: f"{name} (joint)" for name in count if count[name] > 1})
+    reduced = pin.buildReducedModel(full, held, pin.neutral(full))
+    _rename_joints(reduced, {f"{name} (joint)": name for name in count if count[name] > 1})
+    return reduced
+
+
+def _rename_joints(model: Any, names: dict[str, str]) -> None:
+    for index in range(1, model.njoints):
+        model.names[index] = names.get(model.names[index], model.names[index])
+    for frame in model.frames:
+        if frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT):
+            frame.name = names.get(frame.name, frame.name)
 
 
 def _root_frame(model: Any) -> str:

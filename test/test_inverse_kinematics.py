@@ -55,6 +55,17 @@ def test_reachable_poses_are_solved_within_limits(name: str) -> None:
         assert solution.iterations <= 3000
 
 
+@pytest.mark.parametrize("name", ["so100", "anymal", "b1-z1", "double_pendulum", "iris", "tiago", "baxter"])
+def test_any_robot_of_example_robot_data(name: str) -> None:
+    # Names shared by joints and links, one or two joints, sliding joints, more joints than seven.
+    arm = robot(name)
+    solver = PoseSolver(arm)
+    for q in random_positions(arm, 6, 10):
+        solution = solver.solve(arm.pose(q))
+        assert solution.converged
+        assert max(errors(arm.pose(solution.q), arm.pose(q))) <= 1.001e-6
+
+
 def test_first_start_is_the_middle_of_the_range_and_the_rest_fill_it() -> None:
     arm = robot("panda")
     solver = PoseSolver(arm)

@@ -7,11 +7,12 @@
                 lo <= qd <= hi                       velocity, position and acceleration limits of this tick
                 N qd >= c                            approach dampers, if there are any
 
-qd_0 is the point of the box (and of the dampers) nearest to the ray of joint velocities that move the tool along V_f,
-that of the smallest norm of J qd - s V_f, s in [0, 1]. Where the box contains rest, qd_0 = 0, s_0 = 0 and the constraint is
-J qd = s V_f. Where it does not (an arm that moves cannot stop within a tick) the tool still moves along V_f, slower,
-whenever the box lets it, and otherwise as nearly so as it can. (A base nearest to rest instead shrinks every joint by
-the same acceleration at every tick, and a tool that is slowed down by a limit leaves its path: by 12 degrees in a test.)
+qd_0 is the point of the box (and of the dampers) nearest to the ray of joint velocities that move the tool along V_f:
+that of the smallest norm of J qd - s V_f, s in [0, 1]. Where the box contains rest, qd_0 = 0, s_0 = 0 and the
+constraint is J qd = s V_f. Where it does not (an arm that moves cannot stop within a tick) the tool still moves along
+V_f, slower, whenever the box lets it, and otherwise as nearly so as it can. (A base nearest to rest instead shrinks
+every joint by the same acceleration at every tick, and a tool that is slowed down by a limit leaves its path: by 12
+degrees in a test.)
 
 While nothing binds the answer is that of :func:`ik_node.resolution.resolve`. Otherwise it is found in two stages, after
 the singular value decomposition of J has turned the equality into qd = qd_0 + (s - s_0) p + Z' z, with Z a basis of the

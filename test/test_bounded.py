@@ -77,7 +77,7 @@ def test_the_direction_is_kept_and_clipping_would_bend_it() -> None:
 
 
 def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows() -> None:
-    """A moving arm told to stop, to reverse or to turn: J qd = s V is infeasible. Slowed on its way, it does not bend."""
+    """A moving arm told to stop, reverse or turn: J qd = s V is infeasible. Slowed on its way, it does not bend."""
     robot, rng = optimum.arm("panda"), np.random.default_rng(5)
     limits = motion_limits(robot, LimitSettings(), 500.0)
     for _ in range(100):

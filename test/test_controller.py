@@ -378,7 +378,7 @@ def test_stamps_of_another_clock_are_noticed_and_arrival_counts(panda: Robot) ->
 def test_limits_that_do_not_fit_the_robot_are_refused(panda: Robot) -> None:
     controller = Controller(panda, Settings())
     changed = controller.settings.with_values({"limits.velocity": (1.0, 2.0)})
-    with pytest.raises(SettingsError, match=r"limits.velocity has 2 values; expected 1 or 7, in the order panda_joint1"):
+    with pytest.raises(SettingsError, match=r"limits.velocity has 2 values; expected 1 or 7, in the order panda"):
         controller.apply(changed)
     assert controller.settings == Settings()
 

@@ -193,8 +193,8 @@ def table(states: int, seed: int = 1) -> tuple[list[str], bool]:
     """The figures of ``states`` problems for each robot and method as lines, and whether all are in their bounds."""
     lines = [
         f"{states} random states and twists each; at most:",
-        f"{'robot':10} {'method':18} binds  s < 1  over a bound  J qd - goal   s - scipy's   off V - its   cost          "
-        "stationarity  closed - DAQP",
+        f"{'robot':10} {'method':18} binds  s < 1  over a bound  J qd - goal   s - scipy's   off V - its   "
+        "cost          stationarity  closed - DAQP",
     ]
     good = True
     for name in ROBOTS:

@@ -1,0 +1,18 @@
+"""A run in figures and in one picture."""
+
+from ik_node.report.figures import Report, figures
+from ik_node.report.text import as_json, as_text
+from ik_node.report.truth import FILE_NAME, Truth, read_truth, truth_from, truth_from_targets, write_truth
+
+__all__ = [
+    "FILE_NAME",
+    "Report",
+    "Truth",
+    "as_json",
+    "as_text",
+    "figures",
+    "read_truth",
+    "truth_from",
+    "truth_from_targets",
+    "write_truth",
+]

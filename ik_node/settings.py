@@ -260,15 +260,60 @@ class TargetSettings(Group):
     max_linear_jerk: float = setting(500.0, "Highest jerk of the reference.", "m/s3", 1.0, 1e5)
     max_angular_jerk: float = setting(1000.0, "Highest angular jerk of the reference.", "rad/s3", 1.0, 1e5)
     latency_linear: float = setting(
-        0.8, "Most that the position may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+        0.9, "Most that the position may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
     )
     latency_angular: float = setting(
-        1.05, "Most that the orientation may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
+        1.0, "Most that the orientation may lag to be smoother, in sample periods; none if predictable.", "", 0.0, 2.0
     )
     bandwidth: float = setting(
         3.5, "Bandwidth of the reference times the sample period; less is smoother, more is nearer.", "rad", 0.1, 10.0
     )
     max_bandwidth: float = setting(65.0, "Highest bandwidth of the reference, for fast streams.", "rad/s", 1.0, 80.0)
+
+
+@dataclass(frozen=True)
+class PathSettings(Group):
+    """Paths and trajectories that come as a whole, and how the arm gets onto them."""
+
+    prefix: ClassVar[str] = "path"
+    approach_linear_speed: float = setting(0.2, "Speed at which a path is approached.", "m/s", 0.001, 10.0)
+    approach_angular_speed: float = setting(0.8, "Turning rate at which a path is approached.", "rad/s", 0.001, 30.0)
+    approach_linear_acceleration: float = setting(
+        2.0, "Acceleration of the approach to a path, and of coming to rest.", "m/s2", 0.01, 100.0
+    )
+    approach_angular_acceleration: float = setting(
+        8.0, "Angular acceleration of the approach to a path, and of coming to rest.", "rad/s2", 0.01, 100.0
+    )
+    approach_linear_jerk: float = setting(40.0, "Jerk of the approach to a path.", "m/s3", 0.1, 1e4)
+    approach_angular_jerk: float = setting(160.0, "Angular jerk of the approach to a path.", "rad/s3", 0.1, 1e4)
+    join_distance: float = setting(
+        0.02, "A path that has begun is joined where it is now if that is no further away; else at its start.", "m", 0.0
+    )
+    join_angle: float = setting(0.1, "The same for the orientation.", "rad", 0.0)
+    linear_speed: float = setting(0.2, "Speed along a path without times.", "m/s", 0.001, 10.0)
+    angular_speed: float = setting(0.5, "Turning rate along a path without times.", "rad/s", 0.001, 30.0)
+    linear_acceleration: float = setting(0.5, "Acceleration along a path without times.", "m/s2", 0.01, 100.0)
+    angular_acceleration: float = setting(2.0, "Angular acceleration along a path without times.", "rad/s2", 0.01, 100)
+    max_ahead_s: float = setting(60.0, "A path that begins later than this from now is refused.", "s", 0.0, 1e5)
+    max_poses: int = setting(5000, "A path with more poses than this is refused.", "", 2, 100_000)
+
+
+@dataclass(frozen=True)
+class JogSettings(Group):
+    """Jogging by twists."""
+
+    prefix: ClassVar[str] = "jog"
+    timeout_s: float = setting(0.25, "Without a twist for this long the arm comes to rest.", "s", 0.01, 10.0)
+    max_linear_speed: float = setting(0.25, "Faster twists are cut to this.", "m/s", 0.001, 10.0)
+    max_angular_speed: float = setting(1.0, "Faster turns are cut to this.", "rad/s", 0.001, 30.0)
+    linear_acceleration: float = setting(2.0, "Highest acceleration.", "m/s2", 0.01, 100.0)
+    angular_acceleration: float = setting(8.0, "Highest angular acceleration.", "rad/s2", 0.01, 100.0)
+    linear_jerk: float = setting(40.0, "Highest jerk.", "m/s3", 0.1, 1e4)
+    angular_jerk: float = setting(160.0, "Highest angular jerk.", "rad/s3", 0.1, 1e4)
+    leash_distance: float = setting(
+        0.03, "The reference runs no further ahead of a tool that cannot follow.", "m", 0.001, 1.0
+    )
+    leash_angle: float = setting(0.15, "The same for the orientation.", "rad", 0.001, 1.0)
 
 
 @dataclass(frozen=True)
@@ -280,6 +325,24 @@ class StateSettings(Group):
     max_age_s: float = setting(
         0.1, "Stamps older than this are taken for another clock; arrival counts instead.", "s", 0.001, 10.0
     )
+
+
+@dataclass(frozen=True)
+class FollowSettings(Group):
+    """Whether the robot does what it is told."""
+
+    prefix: ClassVar[str] = "follow"
+    enabled: bool = setting(True, "Notice a robot that does not follow its commands.")
+    part: float = setting(
+        0.5, "A robot that does less than this part of what it is told does not follow.", "", 0.0, 1.0
+    )
+    least_motion: float = setting(
+        0.03, "Nothing is judged before a joint was told to go this far.", "rad or m", 1e-4, 1.0
+    )
+    window_s: float = setting(
+        0.25, "Time over which fast motions are judged; slow ones over 8 of them.", "s", 0.05, 5.0
+    )
+    retry_s: float = setting(1.0, "A robot that did not follow is tried again after this time.", "s", 0.1, 60.0)
 
 
 @dataclass(frozen=True)
@@ -313,7 +376,10 @@ class Settings:
     limits: LimitSettings = LimitSettings()
     obstacles: ObstacleSettings = ObstacleSettings()
     target: TargetSettings = TargetSettings()
+    path: PathSettings = PathSettings()
+    jog: JogSettings = JogSettings()
     state: StateSettings = StateSettings()
+    follow: FollowSettings = FollowSettings()
     recording: RecordingSettings = RecordingSettings()
 
     def flat(self) -> dict[str, Value]:

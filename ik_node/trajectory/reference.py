@@ -20,15 +20,21 @@ from __future__ import annotations
 from math import pi, sqrt
 from typing import NamedTuple
 
+import numpy as np
+
+from ik_node.se3 import Array
 from ik_node.trajectory.rotations import (
     IDENTITY,
     ZERO,
     Quaternion,
     Vector,
     conjugate,
+    difference,
     from_vector,
     multiply,
     normalised,
+    rotate_back,
+    to_matrix,
     to_vector,
 )
 
@@ -137,10 +143,12 @@ def chase(
     """
     ex, ey, ez = error
     size = sqrt(ex * ex + ey * ey + ez * ez)
+    # an acceleration that the jerk can build up and end within 1 / omega: larger ones overshoot
+    strongest = min(bounds.acceleration, bounds.jerk / omega)
     gain = omega / 3.0
     if size > 0.0:
         # sqrt(a e) is the speed from which half the acceleration stops within e
-        gain = min(gain, bounds.catch_up / size, sqrt(bounds.acceleration / size))
+        gain = min(gain, bounds.catch_up / size, sqrt(strongest / size))
     gx, gy, gz = goal_velocity
     wx, wy, wz = _cut(gx + gain * ex, gy + gain * ey, gz + gain * ez, bounds.speed)
     vx, vy, vz = velocity
@@ -178,3 +186,27 @@ def _speed_left(v: Vector, a: Vector, jerk: float, dt: float) -> float:
     time = 0.5 * (sqrt(ax * ax + ay * ay + az * az) / jerk + dt)
     x, y, z = v[0] + time * ax, v[1] + time * ay, v[2] + time * az
     return x * x + y * y + z * z
+
+
+def pose_of(motion: RigidMotion) -> Array:
+    """T_sd (4, 4)."""
+    pose = np.empty((4, 4))
+    pose[:3, :3] = to_matrix(motion.orientation)
+    pose[:3, 3] = motion.position
+    pose[3] = (0.0, 0.0, 0.0, 1.0)
+    return pose
+
+
+def mean_twist(start: RigidMotion, end: RigidMotion, duration_s: float) -> Array:
+    """log(T_start^-1 T_end) / duration: the body twist (v, omega) that leads from one pose to the other."""
+    x, y, z = to_vector(multiply(conjugate(start.orientation), end.orientation))
+    a, b, c = rotate_back(start.orientation, difference(end.position, start.position))
+    # inverse of the left Jacobian of SO(3) by its series, exact to rounding for the turn of one interval
+    squared = x * x + y * y + z * z
+    k = 1.0 / 12.0 + squared / 720.0 + squared * squared / 30240.0
+    ux, uy, uz = y * c - z * b, z * a - x * c, x * b - y * a
+    wx, wy, wz = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
+    s = 1.0 / duration_s
+    return np.array(
+        (s * (a - 0.5 * ux + k * wx), s * (b - 0.5 * uy + k * wy), s * (c - 0.5 * uz + k * wz), s * x, s * y, s * z)
+    )

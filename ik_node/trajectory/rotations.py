@@ -17,6 +17,17 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
+def length(a: Vector) -> float:
+    """Euclidean norm."""
+    x, y, z = a
+    return sqrt(x * x + y * y + z * z)
+
+
+def difference(a: Vector, b: Vector) -> Vector:
+    """``a`` less ``b``."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """The rotation ``b`` followed by ``a``, both about axes of the outer frame."""
     aw, ax, ay, az = a

@@ -1,0 +1,93 @@
+"""The rhythm of a stream: its sample period, and when a sample really was taken.
+
+A stream is sampled regularly and stamped or delivered irregularly. A phase-locked estimate (a fading-memory line
+through the stamps, so exact for a stream without jitter) says when the sample should have come.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from statistics import median_low
+from typing import NamedTuple
+
+from ik_node.clock import NS
+
+UNKNOWN_PERIOD_S = 0.05
+"""Sample period that is assumed until two samples have come."""
+INTERVALS = 11
+"""Intervals between samples from which the period is taken."""
+MEMORY = 0.9
+"""Weight of the past in the phase-locked estimate, per sample."""
+SPREAD_MEMORY = 0.95
+"""The same in the jitter's variance."""
+MOST_MISSED = 4
+"""After more lost samples than this the rhythm is learnt anew."""
+LARGEST_RESIDUAL = 0.6
+"""A sample further than this part of a period from where the rhythm puts it starts a new rhythm."""
+LARGEST_DISAGREEMENT = 0.1
+"""Between the phase-locked period and the mean interval, as part of the period."""
+LARGEST_DELAY = 0.25
+"""Mean delay, in periods, that is believed at most."""
+
+
+class Cadence(NamedTuple):
+    """What is known of a stream's rhythm after its newest sample."""
+
+    time_ns: int = 0
+    """Stamp of the newest sample."""
+    intervals: tuple[int, ...] = ()
+    """Between the newest samples [ns]."""
+    period_s: float = UNKNOWN_PERIOD_S
+    """Mean of the intervals, without outliers."""
+    age: int = 0
+    """Samples since the rhythm began; 0 before the first."""
+    locked_period_s: float = 0.0
+    """Period of the phase-locked estimate."""
+    offset_s: float = 0.0
+    """Regular time of the newest sample, less its stamp."""
+    variance: float = 0.0
+    """Of the stamps about the regular times [s2]."""
+
+    @property
+    def delay_s(self) -> float:
+        """Mean delay of the arrivals, from their spread: that of delays spread evenly from 0 on."""
+        return min(sqrt(3.0 * self.variance), LARGEST_DELAY * self.period_s)
+
+
+def restarted(cadence: Cadence, time_ns: int) -> Cadence:
+    """The rhythm begins at this sample; the period is kept until it is known better."""
+    return cadence._replace(time_ns=time_ns, age=1, offset_s=0.0)
+
+
+def followed(cadence: Cadence, time_ns: int) -> Cadence:
+    """The rhythm with one more sample, later than the newest."""
+    interval = time_ns - cadence.time_ns
+    intervals = (*cadence.intervals[1 - INTERVALS :], interval)
+    period_s = _period(intervals)
+    known = cadence._replace(intervals=intervals, period_s=period_s)
+    # until the line is long its slope is worse than the mean interval; later it must agree, else it has lost steps
+    locked_s = cadence.locked_period_s
+    if cadence.age < INTERVALS or abs(locked_s - period_s) > LARGEST_DISAGREEMENT * period_s:
+        locked_s = period_s
+    since_s = interval / NS - cadence.offset_s
+    steps = max(1, round(since_s / locked_s))
+    residual_s = since_s - steps * locked_s
+    if steps > MOST_MISSED or abs(residual_s) > LARGEST_RESIDUAL * locked_s:
+        return restarted(known, time_ns)
+    # gains of a fading-memory line (Morrison, Introduction to Sequential Smoothing and Prediction, 1969), whose
+    # memory grows from the last two samples
+    n = cadence.age + 1.0
+    gain = max(1.0 - MEMORY**2, (4.0 * n - 2.0) / (n * (n + 1.0)))
+    return known._replace(
+        time_ns=time_ns,
+        age=cadence.age + 1,
+        locked_period_s=locked_s + (1.0 - MEMORY) ** 2 * residual_s / steps,
+        offset_s=(gain - 1.0) * residual_s,
+        variance=SPREAD_MEMORY * cadence.variance + (1.0 - SPREAD_MEMORY) * residual_s * residual_s,
+    )
+
+
+def _period(intervals: tuple[int, ...]) -> float:
+    middle = median_low(intervals)
+    kept = [i for i in intervals if 0.5 * middle <= i <= 1.5 * middle]
+    return sum(kept) / (len(kept) * NS)

@@ -5,7 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "ik_node"
-EXECUTABLES = ("benchmark", "demo", "node", "report", "simulator", "solve")
+EXECUTABLES = ("benchmark", "demo", "node", "report", "simulator", "solve", "watchdog")
 
 
 def folder(name: str) -> tuple[str, list[str]]:
@@ -26,7 +26,18 @@ setup(
         folder("launch"),
     ],
     python_requires=">=3.10",
-    install_requires=["numpy", "pin", "example-robot-data", "mcap", "rosbags", "matplotlib", "PyYAML"],
+    install_requires=[
+        "numpy",
+        "pin",
+        "example-robot-data",
+        "daqp",
+        "mcap",
+        "lz4",
+        "zstandard",
+        "rosbags",
+        "matplotlib",
+        "PyYAML",
+    ],
     extras_require={"ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"]},
     entry_points={
         "console_scripts": [

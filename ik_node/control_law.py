@@ -25,6 +25,13 @@ class DesiredTwist(NamedTuple):
     """V: feed-forward plus feedback."""
 
 
+class IkMemory(NamedTuple):
+    """What :class:`IkDifference` remembers."""
+
+    solution: Array | None
+    converged: bool
+
+
 class IkDifference:
     """qd = g (theta_d - theta): the joints of inverse kinematics at the next tick, less the measured ones.
 

@@ -23,17 +23,20 @@ import numpy as np
 from ik_node import se3
 from ik_node.braking import Ramp, ramp_to_zero
 from ik_node.clock import NS, Instant, place
-from ik_node.control_law import IkDifference, twist_feedback
-from ik_node.errors import IkNodeError, InputError, StateRefused, TargetRefused
-from ik_node.inputs import JointSample, PoseSample
-from ik_node.joint_states import JointState, JointStateMerger
+from ik_node.control_law import IkDifference, IkMemory, twist_feedback
+from ik_node.controller_state import ControllerMemory, ControllerState
+from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused
+from ik_node.inputs import JointSample, ObstacleSample, PoseSample
+from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
 from ik_node.limits import motion_limits
+from ik_node.memory import recall, remembered
 from ik_node.robot import Robot
+from ik_node.scene import obstacle, shape
 from ik_node.se3 import Array
 from ik_node.settings import Settings
-from ik_node.status import StatusKeeper
+from ik_node.status import StatusKeeper, StatusMemory
 from ik_node.step import Level, Mode, Status, Step
-from ik_node.tick import Outcome, TickSolver
+from ik_node.tick import Moment, Outcome, TickSolver
 from ik_node.trajectory.stream import StreamedPoses
 
 INTERVAL_SMOOTHING = 0.02
@@ -104,13 +107,25 @@ class Controller:
             pose_sd = self._in_base(sample)
         except InputError as error:
             self.targets_refused += 1
-            self._status.note(f"target refused: {error}")
+            self._status.note("target", f"target refused: {error}")
             raise TargetRefused(str(error)) from error
-        self._status.note("")
+        self._status.note("target")
         stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS), round(TARGET_AHEAD_S * NS))
         self._status.flag("target stamps disagree with this clock; arrival counts", stamped.skew_ns != 0, now)
         if self.status.mode in (Mode.HOLDING, Mode.TRACKING):
             self._stream.add(pose_sd, stamped)
+
+    def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
+        """Takes obstacles as they are now. Raises SceneError naming those that cannot be used; the others count."""
+        wrong = []
+        for sample in samples:
+            try:
+                self._take_obstacle(sample, now)
+            except InputError as error:
+                wrong.append(f"{sample.name}: {error}")
+        self._status.note("obstacles", f"obstacle refused: {'; '.join(wrong)}" if wrong else "")
+        if wrong:
+            raise SceneError("; ".join(wrong))
 
     def on_clock(self, now: Instant) -> Step | None:
         """What happens when nothing arrives: dead joint states, the rest of a ramp. To be called every 10 ms or so."""
@@ -139,7 +154,8 @@ class Controller:
 
     def reset(self) -> None:
         """Leaves a fault or a pause and starts again from the measured position."""
-        self._status.note("")
+        self._status.note("target")
+        self._status.note("obstacles")
         if self._rest.mode in (Mode.PAUSED, Mode.FAULT):
             self._restart("reset; waiting for a joint state")
 
@@ -151,7 +167,28 @@ class Controller:
         """Takes over changed settings; raises as :meth:`check` does, then without having changed anything."""
         self._solver.configure(settings)
         self.settings = settings
+        self._states.configure(settings.state)
         self._stream.configure(settings.target)
+
+    # --- state -------------------------------------------------------------------------------------------------------
+
+    def state(self) -> ControllerState:
+        """Everything that decides what comes next, beside the robot and the settings."""
+        return ControllerState(
+            remembered(self, ControllerMemory),
+            remembered(self._status, StatusMemory),
+            remembered(self._states, MergerMemory),
+            remembered(self._ik, IkMemory),
+            self._stream.state(),
+        )
+
+    def restore(self, state: ControllerState) -> None:
+        """Goes on, bit for bit, where a controller of the same robot and settings was in ``state``."""
+        recall(self, state.controller)
+        recall(self._status, state.status)
+        recall(self._states, state.joint_states)
+        recall(self._ik, state.ik_difference)
+        self._stream.restore(state.stream)
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 
@@ -191,14 +228,15 @@ class Controller:
         law = twist_feedback(pose_sb, motion, control)
         # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
         ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
-        middle = state.position + ahead_s * self._velocity
         elapsed_s = (now.monotonic_ns - self._commanded_ns) / NS
+        middle = state.position + ahead_s * self._velocity
+        moment = Moment(state.position, middle, self._velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
             wanted = self._ik.velocity(state.position, motion, self._interval_s, control.ik_difference_gain)
-            outcome = self._solver.follow_velocity(state.position, middle, wanted, self._velocity, elapsed_s)
+            outcome = self._solver.follow_velocity(moment, wanted)
         else:
             self._ik.solution = None
-            outcome = self._solver.follow_twist(state.position, middle, law.twist_b, self._velocity, elapsed_s)
+            outcome = self._solver.follow_twist(moment, law.twist_b)
         self._velocity, self._commanded_ns = outcome.joint_velocity, now.monotonic_ns
         self._say_what_happens(now, outcome, elapsed_s)
         self._tick += 1
@@ -219,7 +257,7 @@ class Controller:
             multiplier_potential=outcome.multiplier_potential,
             singular_values=outcome.singular_values,
             binding=outcome.binding,
-            clearance=float("nan"),
+            clearance=float("nan") if outcome.closest is None else outcome.closest.distance,
             status=self.status,
         )
 
@@ -230,6 +268,7 @@ class Controller:
         self._status.flag("a joint limit had to give way", bool(outcome.conceded), now)
         self._status.flag("a command stood for longer than hold_periods", elapsed_s > self._solver.limits.dt_max_s, now)
         self._status.flag("inverse kinematics finds no solution near the last one", not self._ik.converged, now)
+        self._status.flag(self._solver.without_effect, bool(self._solver.without_effect), now)
         late = self._gain_needs_a_prompt_arm()
         self._status.flag("ik_difference_gain is stable only for an arm that answers without lag", late, now)
         self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
@@ -244,9 +283,24 @@ class Controller:
         control = self.settings.control
         return control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS
 
-    def _in_base(self, sample: PoseSample) -> Array:
-        """The target as T_sd; frames that the arm moves are taken at the last measured position."""
-        pose = se3.pose_from(sample.position, sample.quaternion, "target")
+    def _take_obstacle(self, sample: ObstacleSample, now: Instant) -> None:
+        lookout = self._solver.lookout
+        if sample.action == "delete_all":
+            lookout.clear()
+        elif sample.action == "delete":
+            lookout.remove(sample.name)
+        elif sample.action == "add":
+            stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS))
+            expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
+            solid = shape(sample.kind, sample.size, sample.name)
+            pose_s = self._in_base(sample, "obstacle")
+            lookout.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
+        else:
+            raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
+
+    def _in_base(self, sample: PoseSample | ObstacleSample, what: str = "target") -> Array:
+        """The sample's pose seen from the base; frames that the arm moves are taken at the last measured position."""
+        pose = se3.pose_from(sample.position, sample.quaternion, what)
         frame = sample.frame_id
         if frame == self.robot.base_frame:
             return pose

@@ -27,3 +27,65 @@ class PoseSample(NamedTuple):
     """(3,), m, in ``frame_id``."""
     quaternion: Array
     """(4,), x y z w."""
+
+
+class ObstacleSample(NamedTuple):
+    """What is said of one obstacle."""
+
+    stamp_ns: int
+    """Header stamp, ROS time at which the pose held; 0 means "now"."""
+    frame_id: str
+    name: str
+    action: str
+    """``add`` (which also changes), ``delete`` or ``delete_all``."""
+    kind: str
+    """A key of :data:`ik_node.scene.SIZES`."""
+    size: tuple[float, ...]
+    """Its measures, m."""
+    position: Array
+    """(3,), m, of the centre in ``frame_id``."""
+    quaternion: Array
+    """(4,), x y z w."""
+    lifetime_ns: int
+    """It vanishes this long after its arrival; 0 stays for ever."""
+
+
+class PathSample(NamedTuple):
+    """A path of N poses."""
+
+    frame_ids: tuple[str, ...]
+    """One per pose; a pose that names none is in the path's own frame."""
+    stamps_ns: tuple[int, ...]
+    """ROS time at which each pose should hold; all alike where the path has no times."""
+    positions: Array
+    """(N, 3), m."""
+    quaternions: Array
+    """(N, 4), x y z w."""
+
+
+class TrajectorySample(NamedTuple):
+    """N poses with times, and with twists if there are any."""
+
+    stamp_ns: int
+    """Header stamp, ROS time of the start; 0 means "now"."""
+    frame_id: str
+    times_ns: tuple[int, ...]
+    """From the start."""
+    positions: Array
+    """(N, 3), m."""
+    quaternions: Array
+    """(N, 4), x y z w."""
+    twists: Array
+    """(N, 6) or (0, 6): velocity of the tool point and angular velocity, in the axes of ``frame_id``."""
+    accelerations: Array
+    """(N, 6) or (0, 6): their derivatives."""
+
+
+class TwistSample(NamedTuple):
+    """A target twist: velocity of the tool point and angular velocity."""
+
+    stamp_ns: int
+    """Header stamp, ROS time; 0 means "now"."""
+    frame_id: str
+    twist: Array
+    """(6,), m/s and rad/s, in the axes of ``frame_id``."""

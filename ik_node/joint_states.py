@@ -25,6 +25,18 @@ class JointState(NamedTuple):
     """Monotonic time at which it held: of its oldest part."""
 
 
+class MergerMemory(NamedTuple):
+    """What a :class:`JointStateMerger` remembers."""
+
+    position: Array
+    time_ns: NDArray[np.int64]
+    missing: NDArray[np.bool_]
+    last_time_ns: int
+    received_ns: int
+    skew_ns: int
+    out_of_order: int
+
+
 class JointStateMerger:
     """Collects messages until every controlled joint has a new value."""
 
@@ -42,6 +54,10 @@ class JointStateMerger:
         """Last age that was not believable, in ROS time; 0 when stamps and clock agree."""
         self.out_of_order = 0
         """Complete states that were older than the one before, and were dropped."""
+
+    def configure(self, settings: StateSettings) -> None:
+        """Other settings from now on."""
+        self._settings = settings
 
     def add(self, sample: JointSample, now: Instant) -> JointState | None:
         """The complete state that ``sample`` finishes, or None.

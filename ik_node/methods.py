@@ -6,7 +6,7 @@ Each is a weight W and a gradient for the cost 1/2 qd' W qd + k grad_h' qd of :m
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -21,38 +21,32 @@ class Cost(NamedTuple):
     """grad_h, (n,), J/rad (J/m); None is zero."""
 
 
-class Potential(Protocol):
-    """A scalar h(q) that grows towards what is to be avoided."""
-
-    def gradient(self, q: Array) -> Array:
-        """grad_h, (n,), at q (n,) [rad, m]: J/rad (J/m)."""
+Method = Callable[[Robot, Array, Array | None], Cost]
+"""Of the robot, q (n,) and the gradient of the potential that grows near obstacles (n,), where that is known."""
 
 
-Method = Callable[[Robot, Array, Potential | None], Cost]
-
-
-def plain(robot: Robot, q: Array, potential: Potential | None) -> Cost:
+def plain(robot: Robot, q: Array, repulsion: Array | None) -> Cost:
     """Least joint velocity: W = I (lecture notes, section 3, "Pseudoinverse")."""
-    del robot, q, potential
+    del robot, q, repulsion
     return Cost(None, None)
 
 
-def inertia_weighted(robot: Robot, q: Array, potential: Potential | None) -> Cost:
+def inertia_weighted(robot: Robot, q: Array, repulsion: Array | None) -> Cost:
     """Least kinetic energy: W = M(q) (lecture notes, section 3, "Inertia-weighted Pseudoinverse")."""
-    del potential
+    del repulsion
     return Cost(robot.dynamics(q).mass_matrix, None)
 
 
-def gravity_gradient(robot: Robot, q: Array, potential: Potential | None) -> Cost:
+def gravity_gradient(robot: Robot, q: Array, repulsion: Array | None) -> Cost:
     """Least kinetic energy plus k times the rate of the gravitational energy ("Weighted Pseudoinverse")."""
-    del potential
+    del repulsion
     dynamics = robot.dynamics(q)
     return Cost(dynamics.mass_matrix, dynamics.gravity)
 
 
-def obstacle_gradient(robot: Robot, q: Array, potential: Potential | None) -> Cost:
+def obstacle_gradient(robot: Robot, q: Array, repulsion: Array | None) -> Cost:
     """Least kinetic energy plus k times the rate of a potential that grows near obstacles."""
-    return Cost(robot.dynamics(q).mass_matrix, None if potential is None else potential.gradient(q))
+    return Cost(robot.dynamics(q).mass_matrix, repulsion)
 
 
 METHODS: Mapping[str, Method] = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 from ik_node.clock import NS, Instant
 from ik_node.step import Level, Status
 
@@ -9,28 +12,39 @@ RELEASE_S = 0.25
 """A condition is still mentioned this long after it last held, so that one that flickers does not flood the topic."""
 
 
+class StatusMemory(NamedTuple):
+    """What a :class:`StatusKeeper` remembers."""
+
+    status: Status
+    notes: Mapping[str, str]
+    until: Mapping[str, int]
+    """Condition -> monotonic time until which it is mentioned; in the order in which they came up."""
+
+
 class StatusKeeper:
     """Combines a mode with passing conditions into one status."""
 
     def __init__(self, status: Status) -> None:
         self.status = status
-        self._note = ""
+        self._notes: dict[str, str] = {}
         self._until: dict[str, int] = {}
 
-    def note(self, text: str) -> None:
-        """A remark that stays until it is replaced; empty for none."""
-        self._note = text
+    def note(self, subject: str, text: str = "") -> None:
+        """A remark on a subject, that stays until there is another one on it; empty for none."""
+        self._notes.pop(subject, None)
+        if text:
+            self._notes[subject] = text
 
     def flag(self, condition: str, holds: bool, now: Instant) -> None:
         """Says whether ``condition`` holds now; it is dropped ``RELEASE_S`` after it last held."""
         if holds:
             self._until[condition] = now.monotonic_ns + round(RELEASE_S * NS)
-        elif condition in self._until and now.monotonic_ns >= self._until[condition]:
-            del self._until[condition]
+        for over in [name for name, until_ns in self._until.items() if now.monotonic_ns >= until_ns]:
+            del self._until[over]
 
     def set(self, base: Status) -> None:
         """States the mode and its reason; conditions and remark are added, and make it a warning."""
-        remarks = [*self._until, *([self._note] if self._note else [])]
+        remarks = [*self._until, *self._notes.values()]
         if remarks:
             level = base.level if base.level is Level.ERROR else Level.WARN
             self.status = Status(level, base.mode, "; ".join((base.reason, *remarks)))

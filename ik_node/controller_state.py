@@ -1,0 +1,42 @@
+"""The controller's whole memory as plain data: what a recording that starts in the middle of a run begins with.
+
+A part that gets a memory of its own is one more field here, and one line each in ``Controller.state`` and ``restore``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ik_node.braking import Ramp
+from ik_node.control_law import IkMemory
+from ik_node.joint_states import JointState, MergerMemory
+from ik_node.se3 import Array
+from ik_node.status import StatusMemory
+from ik_node.step import Status
+from ik_node.trajectory.stream import StreamState
+
+
+class ControllerMemory(NamedTuple):
+    """What the controller itself remembers; its attributes of the same names."""
+
+    targets_refused: int
+    states_refused: int
+    ramp: Ramp | None
+    rest: Status
+    tick: int
+    velocity: Array
+    state: JointState | None
+    interval_s: float
+    due_ns: int
+    last_tick_ns: int
+    commanded_ns: int
+
+
+class ControllerState(NamedTuple):
+    """Everything that decides what a controller does next, beside its robot and its settings."""
+
+    controller: ControllerMemory
+    status: StatusMemory
+    joint_states: MergerMemory
+    ik_difference: IkMemory
+    stream: StreamState

@@ -1,0 +1,86 @@
+"""What is around the arm: its own links and the obstacles, as one thing that the tick asks at every q."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ik_node import collision
+from ik_node.clearance import Clearance, Closest
+from ik_node.errors import CollisionUnavailableError
+from ik_node.potentials.avoidance import Surroundings, look_around
+from ik_node.potentials.posture import centring, towards
+from ik_node.robot import Robot
+from ik_node.scene import Obstacle, Scene, read_scene
+from ik_node.se3 import Array
+from ik_node.settings import ObstacleSettings
+
+
+class Lookout:
+    """Distances, dampers and the potential of one arm in a scene that may change."""
+
+    def __init__(self, robot: Robot, settings: ObstacleSettings) -> None:
+        """Builds the collision geometry; where that cannot be had, :attr:`unavailable` says why and the rest works.
+
+        Raises SceneError when the scene's file cannot be used, and UnknownNameError for links that do not exist.
+        """
+        self._robot = robot
+        self._settings = settings
+        self._clearance: Clearance | None = None
+        self.unavailable = ""
+        """Why nothing is seen; empty when it is."""
+        self.scene = Scene()
+        if settings.geometry == "none":
+            self.unavailable = "obstacles.geometry is none"
+        else:
+            try:
+                geometry = collision.load(
+                    robot,
+                    settings.geometry,
+                    settings.package_path,
+                    settings.srdf,
+                    settings.ignored_pairs,
+                    settings.watched_pairs,
+                    settings.self_collision,
+                )
+                self._clearance = Clearance(geometry)
+            except CollisionUnavailableError as error:
+                self.unavailable = str(error)
+        if settings.scene:
+            at_zero = np.zeros(robot.n)
+            self.scene = read_scene(settings.scene, lambda frame: robot.frame_pose(at_zero, frame))
+
+    def configure(self, settings: ObstacleSettings) -> None:
+        """Other settings from now on; what is read-only stays as it was."""
+        self._settings = settings
+
+    def put(self, new: Obstacle) -> None:
+        """Adds an obstacle, or replaces the one of its name."""
+        self.scene = self.scene.put(new)
+
+    def remove(self, name: str) -> None:
+        """Takes an obstacle away; nothing happens where there is none of that name."""
+        self.scene = self.scene.remove(name)
+
+    def clear(self) -> None:
+        """Takes all obstacles away."""
+        self.scene = Scene()
+
+    def look(self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool) -> Surroundings | None:
+        """Potential, dampers and clearance; see :func:`ik_node.potentials.avoidance.look_around`. None where blind."""
+        if self._clearance is None:
+            return None
+        self.scene = self.scene.at(time_ns)
+        return look_around(self._clearance, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)
+
+    def secondary_gradient(self, q: Array) -> Array | None:
+        """Sum of the gradients of joint centring and posture, (n,), N m (N); None where none is asked for."""
+        settings, total = self._settings, None
+        if settings.centring > 0.0:
+            total = centring(self._robot, q, settings.centring).gradient
+        if settings.posture_weight > 0.0 and len(settings.posture) == self._robot.n:
+            pull = towards(self._robot, q, np.array(settings.posture), settings.posture_weight).gradient
+            total = pull if total is None else total + pull
+        return total
+
+
+__all__ = ["Closest", "Lookout", "Surroundings"]

@@ -28,9 +28,10 @@ from support import PROJECT
 
 from ik_node import messages
 from ik_node.clock import NS, Instant
+from ik_node.controller import Controller
 from ik_node.errors import RecordingError
 from ik_node.messages import CallKind, StepDecoder, StepOutputs
-from ik_node.recording import session
+from ik_node.recording import calls
 from ik_node.recording.bag_metadata import Qos
 from ik_node.recording.mcap_file import COMPRESSORS
 from ik_node.recording.mcap_reader import RecordedMessage, Recording
@@ -204,7 +205,7 @@ def test_channel_and_metadata_agree_to_the_letter(tmp_path: Path) -> None:
 def test_schemas_and_hashes_are_those_of_ros(tmp_path: Path) -> None:
     """Definitions must be complete, without a ROS installation on the reader's side; hashes those of ROS's packages."""
     recorder = Recorder(tmp_path / "bag")
-    types = {*messages.TYPES.values(), *session.INPUT_TYPES.values(), STRING, "rcl_interfaces/msg/ParameterEvent"}
+    types = {*messages.TYPES.values(), *calls.INPUT_TYPES.values(), STRING, "rcl_interfaces/msg/ParameterEvent"}
     for number, name in enumerate(sorted(types)):
         recorder.channel(f"/topic{number}", name)
     recorder.close()
@@ -450,6 +451,11 @@ def test_what_is_no_recording_is_said(tmp_path: Path, content: dict[str, bytes] 
 # --- parts ---
 
 
+def split_if_due(recorder: Recorder) -> None:
+    if recorder.split_due:
+        recorder.split()
+
+
 def parts_of(directory: Path) -> list[Written]:
     return [read_back(directory / name) for name in metadata_of(directory)["relative_file_paths"]]
 
@@ -463,6 +469,7 @@ def test_a_recording_is_split_and_latched_topics_stand_at_the_head_of_each_part(
     recorder.write(latched, messages.encode_string("robot"), 5)
     for number in range(400):
         recorder.write(plain, messages.encode_string(f"{number:5d}" + "x" * 500), 10 + number)
+        split_if_due(recorder)
         time.sleep(0.001)
     recorder.close()
     assert recorder.error == ""
@@ -488,6 +495,7 @@ def test_parts_end_after_their_duration_too(tmp_path: Path) -> None:
     channel = recorder.channel("/text", STRING)
     for number in range(200):
         recorder.write(channel, messages.encode_string("x"), ROS_START_NS + number * 20_000_000)
+        split_if_due(recorder)
         time.sleep(0.002)
     recorder.close()
     assert len(parts_of(tmp_path / "bag")) > 1
@@ -509,6 +517,7 @@ def test_a_part_can_be_begun_on_request(tmp_path: Path) -> None:
 
 # --- a run ---
 
+STATE = Controller(panda(), Settings()).state
 TARGET = ("base", ROS_START_NS, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 0.0, 1.0]))
 
 
@@ -521,17 +530,18 @@ def record_run(directory: Path, count: int = 60, options: RecorderOptions | None
     recording = RunRecording(directory, setup, run[0].now, options)
     for step in run:
         state = messages.encode_joint_state(robot.joints, step.now.ros_ns, step.joint_position)
-        recording.called(CallKind.ON_JOINT_STATE, step.now, recording.received(session.JOINT_STATES, state, step.now))
+        recording.called(CallKind.ON_JOINT_STATE, step.now, recording.received(calls.JOINT_STATES, state, step.now))
         recording.sent(step, [messages.Outgoing(messages.COMMANDS, outputs.command(step)), *outputs.others(step)])
         if step.tick % 10 == 1:
             pose = messages.encode_pose(*TARGET)
-            recording.called(CallKind.ON_TARGET_POSE, step.now, recording.received(session.TARGET_POSE, pose, step.now))
+            recording.called(CallKind.ON_TARGET_POSE, step.now, recording.received(calls.TARGET_POSE, pose, step.now))
         if step.tick == 20:
             recording.called(CallKind.PAUSE, step.now, text="paused by request")
             recording.called(CallKind.RESET, step.now)
             recording.applied(settings.with_values({"gain_linear": 3.0}), step.now)
         status = messages.encode_status(step.status, "/left/ik_node")
         recording.said(messages.Outgoing(messages.STATUS, status), step.now)
+        recording.between_calls(STATE, step.now)
     recording.close()
     assert (recording.error, recording.dropped) == ("", 0)
     return recording
@@ -594,15 +604,15 @@ def test_calls_stand_in_order_and_lead_to_what_they_took(tmp_path: Path) -> None
     inputs: dict[tuple[str, int], RecordedMessage] = {
         (message.topic, message.sequence): message for message in Recording(tmp_path / "bag").messages()
     }
-    calls = list(calls_of(tmp_path / "bag"))
-    assert [call.now for call in calls] == sorted(call.now for call in calls)
+    made = list(calls_of(tmp_path / "bag"))
+    assert [call.now for call in made] == sorted(call.now for call in made)
     wanted = steps(60)
-    states = [call for call in calls if call.kind is CallKind.ON_JOINT_STATE]
+    states = [call for call in made if call.kind is CallKind.ON_JOINT_STATE]
     assert [call.now for call in states] == [step.now for step in wanted]
     for call, step in zip(states, wanted, strict=True):
         sample = messages.decode_joint_state(inputs["/left/joint_states", call.sequence].data)
         assert same_bits(sample.position, step.joint_position)
-    special = [call for call in calls if call.kind > CallKind.ON_CLOCK]
+    special = [call for call in made if call.kind > CallKind.ON_CLOCK]
     assert [call.kind for call in special] == [CallKind.PAUSE, CallKind.RESET, CallKind.APPLY]
     text = inputs["/left/ik_node/calls/texts", special[0].sequence].data
     assert messages.decode_string(text) == "paused by request"

@@ -35,6 +35,7 @@ CALL_TYPE = "std_msgs/msg/Int64MultiArray"
 _HEAD = ("tick", "now_monotonic", "now_ros", "state_time", "texts")
 _HEAD_SIZES = (1, 2, 2, 2, 1)
 _head = struct.Struct("<8d")
+_number = struct.Struct("<d")
 _call = struct.Struct("<4q")
 POSES = ("pose_sb", "pose_sd")
 """Slices that are 4 by 4 matrices."""
@@ -103,6 +104,16 @@ class StepEncoder:
 
     def encode(self, step: Step) -> StepMessages:
         """The messages of ``step``."""
+        texts, number = None, self._number
+        if (step.status, step.binding) != self._last:
+            number += 1
+            texts = encode_texts(self._name, number, step.status, step.binding)
+        numbers = self.numbers(step, number)
+        self._last, self._number = (step.status, step.binding), number
+        return StepMessages(texts, numbers)
+
+    def numbers(self, step: Step, text_number: int) -> bytes:
+        """The message of ``step`` for the channel ``step``; its texts have this number."""
         arrays = b"".join(
             (
                 step.joint_position.tobytes(),
@@ -121,20 +132,15 @@ class StepEncoder:
         )
         if len(arrays) != self._size:
             raise RecordingError(f"Step holds {len(arrays)} bytes of numbers, expected {self._size}")
-        texts = None
-        if (step.status, step.binding) != self._last:
-            self._last = (step.status, step.binding)
-            self._number += 1
-            texts = encode_texts(self._name, self._number, step.status, step.binding)
         now = step.now
         head = _head.pack(
             step.tick,
             *divmod(now.monotonic_ns, NS),
             *divmod(now.ros_ns, NS),
             *divmod(step.state_time_ns, NS),
-            self._number,
+            text_number,
         )
-        return StepMessages(texts, self._template.fill(0, head + arrays))
+        return self._template.fill(0, head + arrays)
 
 
 class Texts(NamedTuple):
@@ -146,29 +152,40 @@ class Texts(NamedTuple):
 
 
 class StepDecoder:
-    """Messages -> Steps; feed both channels in the order of the recording."""
+    """Messages -> Steps; takes a message of ``step/texts`` before the first of ``step`` that it belongs to."""
 
     def __init__(self) -> None:
-        self._texts: Texts | None = None
+        self._texts: dict[int, Texts] = {}
         self._prefix = b""
         self._slices: dict[str, slice] = {}
+        self._texts_offset = 0
 
     def texts(self, data: bytes) -> None:
         """Takes a message of ``step/texts``."""
-        self._texts = decode_texts(data)
+        texts = decode_texts(data)
+        self._texts[texts.number] = texts
+
+    def texts_of(self, data: bytes) -> Texts:
+        """The text record of a message of ``step``; RecordingError when the bytes are none, or it was not taken."""
+        self._understand(data)
+        number = int(_number.unpack_from(data, self._texts_offset)[0])
+        if number not in self._texts:
+            raise RecordingError(f"text record {number} of a Step is missing")
+        return self._texts[number]
+
+    def _understand(self, data: bytes) -> None:
+        if not self._prefix or not data.startswith(self._prefix):
+            self._prefix, self._slices = read_layout(data)
+            self._texts_offset = len(self._prefix) + 8 * self._slices["texts"].start
 
     def step(self, data: bytes) -> Step:
         """The Step of a message of ``step``.
 
-        Raises RecordingError when the bytes are none, or when its text record is not the last one that was taken.
+        Raises RecordingError when the bytes are none, or when its text record was not taken.
         """
-        if not self._prefix or not data.startswith(self._prefix):
-            self._prefix, self._slices = read_layout(data)
+        texts = self.texts_of(data)
         numbers = np.frombuffer(data, "<f8", offset=len(self._prefix)).astype(np.float64)
         part = {label: numbers[place] for label, place in self._slices.items()}
-        number = int(part["texts"][0])
-        if self._texts is None or self._texts.number != number:
-            raise RecordingError(f"text record {number} of a Step is missing")
         fields: dict[str, Any] = {name: part[name].copy() for name in ARRAYS}
         fields.update({name: fields[name].reshape(4, 4) for name in POSES})
         fields.update({name: float(part[name][0]) for name in NUMBERS})
@@ -176,8 +193,8 @@ class StepDecoder:
             tick=int(part["tick"][0]),
             now=Instant(_time(part["now_monotonic"]), _time(part["now_ros"])),
             state_time_ns=_time(part["state_time"]),
-            binding=self._texts.binding,
-            status=self._texts.status,
+            binding=texts.binding,
+            status=texts.status,
             **fields,
         )
 

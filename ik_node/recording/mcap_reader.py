@@ -29,7 +29,7 @@ from ik_node.recording.bag_metadata import METADATA_FILE, ROOT, STORAGE
 from ik_node.recording.mcap_file import MAGIC
 
 _record = struct.Struct("<BQ")
-_message = struct.Struct("<HIQQ")
+_message = struct.Struct("<BQHIQQ")
 _chunk = struct.Struct("<QQQII")
 _length = struct.Struct("<Q")
 _PART = re.compile(r"_(\d+)\.mcap$")
@@ -87,18 +87,11 @@ class Part:
 
         Ends where a cut-off file ends. Raises RecordingError when a complete file is damaged.
         """
-        schemas: dict[int, str] = {}
+        reading = _Reading(self.topics, topics)
         try:
             with self.path.open("rb") as stream:
-                for opcode, content in self._records(stream):
-                    if opcode == Opcode.SCHEMA:
-                        schema = Schema.read(_stream(content))
-                        schemas[schema.id] = schema.name
-                    elif opcode == Opcode.CHANNEL:
-                        channel = Channel.read(_stream(content))
-                        self.topics[channel.id] = Topic(channel.topic, schemas.get(channel.schema_id, ""))
-                    elif opcode == Opcode.MESSAGE:
-                        yield from self._message(content, topics)
+                for opcode, record in self._records(stream):
+                    yield from reading.messages(_unpacked(record[_record.size :]) if opcode == Opcode.CHUNK else record)
         except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
             if self.complete:
                 raise RecordingError(f"'{self.path}' is damaged behind byte {self.readable_bytes}: {error}") from error
@@ -128,14 +121,8 @@ class Part:
         except (McapError, struct.error, ValueError, KeyError):  # a damaged index: what matters is the data before it
             return None
 
-    def _message(self, content: bytes, topics: Collection[str] | None) -> Iterator[RecordedMessage]:
-        channel, sequence, log_time_ns, publish_time_ns = _message.unpack_from(content)
-        topic = self.topics[channel]
-        if topics is None or topic.name in topics:
-            yield RecordedMessage(*topic, content[_message.size :], log_time_ns, publish_time_ns, sequence)
-
     def _records(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """Every record of the data section, those inside of chunks too."""
+        """Every whole record of the data section, with its opcode and length."""
         self.readable_bytes = len(MAGIC)
         stream.seek(self.readable_bytes)
         while True:
@@ -146,10 +133,7 @@ class Part:
             content = stream.read(length) if length < self._remaining() else b""
             if len(content) < length or opcode == Opcode.DATA_END:
                 return
-            if opcode == Opcode.CHUNK:
-                yield from _inside(_unpacked(content))
-            else:
-                yield opcode, content
+            yield opcode, opening + content
             self.readable_bytes += _record.size + length
 
     def _remaining(self) -> int:
@@ -171,13 +155,42 @@ def _unpacked(content: bytes) -> bytes:
     return records
 
 
-def _inside(records: bytes) -> Iterator[tuple[int, bytes]]:
-    offset, end = 0, len(records)
-    while offset < end:
-        opcode, length = _record.unpack_from(records, offset)
-        offset += _record.size
-        yield opcode, records[offset : offset + length]
-        offset += length
+class _Reading:
+    """Messages out of records, with what earlier records said of channels."""
+
+    def __init__(self, topics: dict[int, Topic], wanted: Collection[str] | None) -> None:
+        self._topics = topics
+        self._wanted = wanted
+        self._schemas: dict[int, str] = {}
+        self._of_interest: dict[int, Topic | None] = {}
+
+    def messages(self, records: bytes) -> Iterator[RecordedMessage]:
+        """The messages among ``records``; ValueError when one is of no channel."""
+        offset, end, of_interest = 0, len(records), self._of_interest
+        while offset < end:
+            opcode, length = _record.unpack_from(records, offset)
+            if opcode == Opcode.MESSAGE:
+                _, _, channel, sequence, log_time_ns, publish_time_ns = _message.unpack_from(records, offset)
+                if channel not in of_interest:
+                    raise ValueError(f"a message is of channel {channel}, which is not described before it")
+                topic = of_interest[channel]
+                if topic is not None:
+                    data = records[offset + _message.size : offset + _record.size + length]
+                    yield RecordedMessage(topic[0], topic[1], data, log_time_ns, publish_time_ns, sequence)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._describe(opcode, records[offset + _record.size : offset + _record.size + length])
+            offset += _record.size + length
+
+    def _describe(self, opcode: int, content: bytes) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content))
+            self._schemas[schema.id] = schema.name
+            return
+        channel = Channel.read(_stream(content))
+        topic = Topic(channel.topic, self._schemas.get(channel.schema_id, ""))
+        self._topics[channel.id] = topic
+        wanted = self._wanted is None or topic.name in self._wanted
+        self._of_interest[channel.id] = topic if wanted else None
 
 
 def _stream(content: bytes) -> ReadDataStream:

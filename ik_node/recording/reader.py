@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +15,6 @@ from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import (
     NUMBERS,
     POSES,
-    STEP_TYPE,
     Call,
     CallKind,
     Texts,
@@ -24,17 +22,17 @@ from ik_node.messages.step_codec import (
     decode_texts,
     read_layout,
 )
+from ik_node.recording.calls import TARGET_POSE
+from ik_node.recording.events import find_node, read_setup
 from ik_node.recording.mcap_reader import RecordedMessage, Recording
 from ik_node.recording.run import Run, StatusChange, Targets
 from ik_node.recording.session import (
     CALLS,
-    FORMAT,
     PARAMETERS,
     ROBOT_DESCRIPTION,
     SETUP,
     STEP,
     STEP_TEXTS,
-    TARGET_POSE,
 )
 from ik_node.se3 import Array
 
@@ -60,7 +58,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
     message says what it does hold.
     """
     recording = Recording(Path(path))
-    name = _node(recording, node)
+    name = find_node(recording, node)
     messages = _collect(recording, name)
     if not messages.steps:
         raise RecordingError(f"'{path}' holds no tick of node '{name}'")
@@ -100,21 +98,6 @@ def load_run(path: str | Path, node: str = "") -> Run:
     )
 
 
-def _node(recording: Recording, wanted: str) -> str:
-    """The node whose run is asked for."""
-    counts = recording.counts()
-    ending = f"/{STEP}"
-    nodes = [topic.name[: -len(ending)] for topic in counts if topic.name.endswith(ending) and topic[1] == STEP_TYPE]
-    wanted = wanted.rstrip("/")
-    if wanted in nodes or (len(nodes) == 1 and not wanted):
-        return wanted or nodes[0]
-    if nodes:
-        which = f"no run of node '{wanted}'" if wanted else "several runs; name a node"
-        raise RecordingError(f"'{recording.path}' holds {which}; valid: {', '.join(sorted(nodes))}")
-    held = ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts.items()) or "nothing"
-    raise RecordingError(f"'{recording.path}' holds no run of ik_node; it holds: {held}")
-
-
 def _collect(recording: Recording, node: str) -> _Messages:
     setups: list[dict[str, Any]] = []
     messages = _Messages({}, "", [], [], [], [], [])
@@ -135,7 +118,7 @@ def _collect(recording: Recording, node: str) -> _Messages:
             elif name == ROBOT_DESCRIPTION:
                 urdf = decode_string(message.data)
             elif name == SETUP:
-                setups.append(_setup(decode_string(message.data)))
+                setups.append(read_setup(decode_string(message.data)))
             elif setups and message.topic == setups[0]["inputs"][TARGET_POSE]:
                 messages.targets.append(message)
         except InputError as error:
@@ -143,17 +126,6 @@ def _collect(recording: Recording, node: str) -> _Messages:
     if not setups or not messages.parameters:
         raise RecordingError(f"'{recording.path}' lacks the beginning of the run of node '{node}'")
     return messages._replace(setup=setups[0], urdf=urdf)
-
-
-def _setup(text: str) -> dict[str, Any]:
-    try:
-        setup: dict[str, Any] = json.loads(text)
-        version = setup["format"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"the setup of a run cannot be read: {error}") from error
-    if version != FORMAT:
-        raise RecordingError(f"recorded in format {version}; this version of ik_node reads {FORMAT}")
-    return setup
 
 
 def _columns(steps: list[bytes]) -> dict[str, Array]:

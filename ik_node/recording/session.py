@@ -10,6 +10,8 @@ name):
                        latched
 ``<node>/calls``       std_msgs/Int64MultiArray             each call of the controller
 ``<node>/calls/texts`` std_msgs/String                      texts that calls took (the reason of a pause)
+``<node>/state``       std_msgs/String, latched             JSON: what the controller remembered at the start, and where
+                                                            a file begins
 ``<node>/step``        std_msgs/Float64MultiArray           each Step, bit for bit
 ``<node>/step/texts``  diagnostic_msgs/DiagnosticStatus,    status and binding limits of the Steps that follow
                        latched
@@ -22,18 +24,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
-from collections.abc import Iterable, Mapping
-from functools import cache
-from importlib import metadata
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 import ik_node
 from ik_node.clock import Instant
+from ik_node.controller_state import ControllerState
 from ik_node.errors import RecordingError
 from ik_node.limits import motion_limits
 from ik_node.messages.encode import STATUS, TYPES, Outgoing, encode_string
@@ -47,7 +46,10 @@ from ik_node.messages.step_codec import (
     StepEncoder,
     encode_call,
 )
+from ik_node.plain_json import to_json
 from ik_node.recording.bag_metadata import Qos
+from ik_node.recording.calls import INPUT_TYPES, JOINT_STATES
+from ik_node.recording.environment import versions
 from ik_node.recording.writer import Recorder, RecorderOptions
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -60,23 +62,14 @@ SETUP = "setup"
 PARAMETERS = "parameters"
 CALLS = "calls"
 CALL_TEXTS = "calls/texts"
+STATE = "state"
 STEP = "step"
 STEP_TEXTS = "step/texts"
 ROBOT_DESCRIPTION = "/robot_description"
 STRING_TYPE = "std_msgs/msg/String"
 
-JOINT_STATES = "joint_states"
-TARGET_POSE = "target_pose"
-INPUT_TYPES = {
-    JOINT_STATES: "sensor_msgs/msg/JointState",
-    TARGET_POSE: "geometry_msgs/msg/PoseStamped",
-}
-"""Input -> message type."""
-INPUT_OF_CALL = {CallKind.ON_JOINT_STATE: JOINT_STATES, CallKind.ON_TARGET_POSE: TARGET_POSE}
-"""Calls that take a message -> the input it came from."""
 _LATCHED = Qos(depth=1, latched=True)
 _WITHOUT = ("robot_description",)  # has a topic of its own
-_DISTRIBUTIONS = ("pin", "numpy", "daqp", "rosbags", "mcap", "example-robot-data", "ros-jazzy-rclpy")
 
 
 class RunSetup(NamedTuple):
@@ -90,6 +83,8 @@ class RunSetup(NamedTuple):
     topics: Mapping[str, str]
     """Inputs (:data:`INPUT_TYPES`) and outputs (:data:`ik_node.messages.TYPES`) -> ROS name, where it is not the usual
     one."""
+    state: ControllerState | None = None
+    """What the controller remembers when the recording begins; None: it has not been called yet."""
 
 
 class _Put(NamedTuple):
@@ -109,7 +104,7 @@ class RunRecording:
         self._settings = setup.settings
         self._recorder = Recorder(directory, options, {"ik_node": ik_node.__version__, "format": str(FORMAT)})
         self._steps = StepEncoder(self.node, setup.robot.n)
-        own = {SETUP: STRING_TYPE, PARAMETERS: PARAMETERS_TYPE, STEP_TEXTS: TEXTS_TYPE}
+        own = {SETUP: STRING_TYPE, PARAMETERS: PARAMETERS_TYPE, STATE: STRING_TYPE, STEP_TEXTS: TEXTS_TYPE}
         self._channels = {
             ROBOT_DESCRIPTION: self._recorder.channel(ROBOT_DESCRIPTION, STRING_TYPE, _LATCHED),
             **{name: self._own_channel(name, kind, _LATCHED) for name, kind in own.items()},
@@ -122,10 +117,13 @@ class RunRecording:
             for name, kind in TYPES.items()
         }
         self._sequences: dict[int, int] = {}
+        self._dropped_before_call = self._dropped_before_state = 0
         self._defect = ""
         self._put(self._channels[ROBOT_DESCRIPTION], encode_string(setup.robot.urdf), now.ros_ns)
         self._put(self._channels[SETUP], encode_string(setup_json(setup, self._input_topics())), now.ros_ns)
         self._put_parameters({}, now)
+        if setup.state is not None:
+            self._put_state(setup.state, now)
 
     # --- what happens ---
 
@@ -137,7 +135,10 @@ class RunRecording:
         return self._put(self._inputs[name], data, now.ros_ns, publish_time_ns).sequence
 
     def called(self, kind: CallKind, now: Instant, sequence: int = -1, text: str = "") -> None:
-        """A call of the controller, with the sequence of the message or the text that it took."""
+        """A call of the controller, with the sequence of the message or the text that it took.
+
+        To be told after the call was made, and before the Step that came of it.
+        """
         if text:
             sequence = self._put(self._channels[CALL_TEXTS], encode_string(text), now.ros_ns).sequence
         self._put(self._channels[CALLS], encode_call(Call(kind, sequence, now)), now.ros_ns)
@@ -166,6 +167,20 @@ class RunRecording:
     def said(self, message: Outgoing, now: Instant) -> None:
         """A message that went out beside the Steps: status, diagnostics."""
         self._put(self._outputs[message.topic], message.data, now.ros_ns)
+
+    def between_calls(self, state: Callable[[], ControllerState], now: Instant) -> None:
+        """To be told after each call and what it led to: here a new file can begin, with the controller's state.
+
+        The state is written too once nothing has to be left out any more, so that a replay can go on from there.
+        """
+        dropped = self._recorder.dropped
+        if self._recorder.split_due:
+            if self._put_state(state(), now):
+                self._recorder.split()
+        elif self._dropped_before_state != dropped == self._dropped_before_call:
+            self._dropped_before_state = dropped
+            self._put_state(state(), now)
+        self._dropped_before_call = dropped
 
     def end(self) -> None:
         """Stops recording and returns at once, for a control loop that goes on; the writer does the rest."""
@@ -203,6 +218,9 @@ class RunRecording:
         data = encode_parameters(self.node, now.ros_ns, parameters)
         return self._put(self._channels[PARAMETERS], data, now.ros_ns).sequence
 
+    def _put_state(self, state: ControllerState, now: Instant) -> bool:
+        return self._put(self._channels[STATE], encode_string(to_json(state)), now.ros_ns).written
+
     def _own_channel(self, name: str, type_name: str, qos: Qos | None = None) -> int:
         return self._recorder.channel(f"{self.node}/{name}", type_name, qos)
 
@@ -225,18 +243,6 @@ def recorder_options(settings: RecordingSettings) -> RecorderOptions:
     )
 
 
-@cache
-def versions() -> Mapping[str, str]:
-    """What bits depend on: our version, the libraries', Python's, and the kind of processor."""
-    found = {"ik_node": ik_node.__version__, "python": platform.python_version(), "machine": platform.machine()}
-    for name in _DISTRIBUTIONS:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return MappingProxyType(found)
-
-
 def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
     """The text of the topic ``setup``; limits that there are not are null."""
     robot, settings = setup.robot, setup.settings
@@ -252,6 +258,7 @@ def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
             "lower": _finite_or_null(limits.lower),
             "upper": _finite_or_null(limits.upper),
             "velocity": _finite_or_null(limits.velocity),
+            "acceleration": _finite_or_null(limits.acceleration),
         },
         "inputs": dict(input_topics),
         "call_kinds": {kind.name.lower(): int(kind) for kind in CallKind},

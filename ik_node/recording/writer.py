@@ -49,9 +49,9 @@ class RecorderOptions(NamedTuple):
     queue_mb: float = 32.0
     """Memory for messages that wait for the disk."""
     max_part_mb: float = 0.0
-    """Size at which a new file is begun; 0: never."""
+    """Size from which a new file is due; 0: never."""
     max_part_s: float = 0.0
-    """Duration at which a new file is begun; 0: never."""
+    """Duration from which a new file is due; 0: never."""
 
 
 class _Latched(NamedTuple):
@@ -145,8 +145,6 @@ class Recorder:
             if self._error or self._closing.is_set() or self._queued + size > self._capacity:
                 self._dropped += 1
                 return False
-            if self._split_due:
-                self._begin_part()
             chunk = self._filling.chunk
             chunk.add(channel, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns, data)
             self._queued += size
@@ -161,12 +159,9 @@ class Recorder:
     def split(self) -> None:
         """Begins a new file with the next message; the last message of each latched topic is repeated at its head."""
         with self._lock:
-            self._begin_part()
-
-    def _begin_part(self) -> None:
-        self._split_due = False
-        self._full.append(self._filling)
-        self._filling = _Batch(begins_part=True, latched=dict(self._latched))
+            self._split_due = False
+            self._full.append(self._filling)
+            self._filling = _Batch(begins_part=True, latched=dict(self._latched))
 
     def end(self) -> None:
         """Takes no more messages and returns at once; the thread makes the recording whole. See :attr:`ended`."""
@@ -196,7 +191,7 @@ class Recorder:
 
     @property
     def split_due(self) -> bool:
-        """True when a part has reached its size or duration: the next message begins a new one."""
+        """True when a part has reached its size or duration: :meth:`split` is to be called at a moment that suits."""
         return self._split_due
 
     # --- the thread ---

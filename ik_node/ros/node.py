@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
-from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -22,9 +20,10 @@ from ik_node.controller import Controller
 from ik_node.errors import IkNodeError, InputError, RecordingError
 from ik_node.messages import decode
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.session import JOINT_STATES, TARGET_POSE, RunRecording, RunSetup, recorder_options
+from ik_node.recording.calls import JOINT_STATES, TARGET_POSE
 from ik_node.ros import parameters, qos
 from ik_node.ros.publishing import StepPublisher
+from ik_node.ros.recorder import NodeRecorder
 from ik_node.settings import Settings
 from ik_node.step import Step
 
@@ -44,7 +43,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._autostart = bool(self.declare_parameter("autostart", True, about).value)
         self._described = ""
         self._controller: Controller | None = None
-        self._recording: RunRecording | None = None
+        self._recorder = NodeRecorder(self)
         self._active = False
         self._inputs: list[Any] = []
         self._publisher = StepPublisher(self)
@@ -68,8 +67,6 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             robot = robot_from(settings.arm, self._described)
             self._controller = Controller(robot, settings)
             self._publisher.configure(robot, settings)
-            if settings.recording.enabled:
-                self._start_recording()
         except IkNodeError as error:
             self.get_logger().error(f"not configured: {error}")
             self._controller = None
@@ -78,6 +75,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self.get_logger().error(f"not configured: {traceback.format_exc()}")
             self._controller = None
             return TransitionCallbackReturn.ERROR
+        if settings.recording.enabled:
+            try:
+                self._start_recording()
+            except RecordingError as error:  # the arm is worth more than the recording
+                self.get_logger().error(f"not recorded: {error}")
         self._inputs = [
             self._listen(JointState, "joint_states", self._on_joint_state),
             self._listen(PoseStamped, "~/target_pose", self._on_target_pose),
@@ -133,7 +135,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._inputs = []
-        self.get_logger().info(self._end_recording())
+        self._recorder.close()
         self._controller = None
 
     def _ramp_to_rest(self, reason: str) -> None:
@@ -170,14 +172,14 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self.get_logger().warning(f"joint state dropped: {error}", throttle_duration_sec=1.0)
             return
         step = self._controller.on_joint_state(sample, now)
-        self._send(step, lambda: self._record(CallKind.ON_JOINT_STATE, now, JOINT_STATES, data))
+        self._send(step, CallKind.ON_JOINT_STATE, now, JOINT_STATES, data)
 
     def _on_target_pose(self, data: bytes, now: Instant) -> None:
         if self._controller is None:
             return
         try:
             sample = decode.decode_pose(data)
-            self._record(CallKind.ON_TARGET_POSE, now, TARGET_POSE, data)
+            self._recorder.called(CallKind.ON_TARGET_POSE, now, TARGET_POSE, data)
             self._controller.on_target_pose(sample, now)
         except InputError as error:
             self.get_logger().warning(f"target refused: {error}", throttle_duration_sec=1.0)
@@ -189,14 +191,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def _on_watchdog(self) -> None:
         if self._controller is not None and self._active:
             now = self._now()
-            self._send(self._controller.on_clock(now), lambda: self._record(CallKind.ON_CLOCK, now))
+            self._send(self._controller.on_clock(now), CallKind.ON_CLOCK, now)
 
     def _on_second(self) -> None:
         if self._controller is not None:
             now = self._now()
-            said = self._publisher.diagnostics(self._controller.status, now)
-            if self._recording is not None:
-                self._recording.said(said, now)
+            status, values = self._recorder.remark(self._controller.status), self._recorder.values()
+            self._recorder.said(self._publisher.diagnostics(status, now, values), now)
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
@@ -204,12 +205,12 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         if self._controller is not None:
             now = self._now()
             self._controller.pause(now, reason)
-            self._record(CallKind.PAUSE, now, text=reason)
+            self._recorder.called(CallKind.PAUSE, now, text=reason)
 
     def _resume(self) -> None:
         if self._controller is not None:
             self._controller.resume()
-            self._record(CallKind.RESUME, self._now())
+            self._recorder.called(CallKind.RESUME, self._now())
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if request.data:
@@ -222,7 +223,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         del request
         if self._controller is not None:
             self._controller.reset()
-            self._record(CallKind.RESET, self._now())
+            self._recorder.called(CallKind.RESET, self._now())
         return self._answer(response)
 
     def _answer(self, response: Any) -> Any:
@@ -237,7 +238,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             if request.data:
                 response.message = f"recording to {self._start_recording()}"
             else:
-                response.message = self._end_recording()
+                response.message = self._recorder.end()
             response.success = True
         except IkNodeError as error:
             response.message = str(error)
@@ -245,59 +246,31 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     # --- outputs -----------------------------------------------------------------------------------------------------
 
-    def _send(self, step: Step | None, record: Callable[[], None]) -> None:
+    def _send(self, step: Step | None, kind: CallKind, now: Instant, name: str = "", data: bytes = b"") -> None:
         """Publishes what a step commands, first of all, then what it tells; only then records the call and the step."""
         outgoing = [] if step is None else self._publisher.step(step)
-        if self._recording is not None:
-            record()
-            if step is not None:
-                self._recording.sent(step, outgoing)
+        self._recorder.called(kind, now, name, data)
+        if step is not None:
+            self._recorder.sent(step, outgoing)
+        if self._controller is not None:
+            self._recorder.between_calls(self._controller, now)
         self._publish_status()
 
     def _publish_status(self) -> None:
         if self._controller is not None:
-            said = self._publisher.status(self._controller.status)
-            if said is not None and self._recording is not None:
-                self._recording.said(said, self._now())
-
-    def _record(self, kind: CallKind, now: Instant, name: str = "", data: bytes = b"", text: str = "") -> None:
-        """Records a call of the controller, and the message on the input ``name`` that it took."""
-        if self._recording is not None:
-            sequence = self._recording.received(name, data, now) if name else -1
-            self._recording.called(kind, now, sequence, text)
+            said = self._publisher.status(self._recorder.remark(self._controller.status))
+            if said is not None:
+                self._recorder.said(said, self._now())
 
     def _start_recording(self) -> str:
         """Returns the folder; RecordingError when it exists or cannot be written, or there is nothing to record."""
-        controller = self._controller
-        if controller is None:
+        if self._controller is None:
             raise RecordingError("nothing to record before the node is configured")
-        if self._recording is None:
-            settings = controller.settings.recording
-            usual = datetime.now().strftime("ik_node_%Y%m%d-%H%M%S")
-            topics = self._publisher.topics | {
-                JOINT_STATES: self.resolve_topic_name("joint_states"),
-                TARGET_POSE: self.resolve_topic_name("~/target_pose"),
-            }
-            setup = RunSetup(
-                self.get_fully_qualified_name(),
-                controller.settings.arm.robot,
-                controller.robot,
-                controller.settings,
-                topics,
-            )
-            directory = Path(settings.directory or usual)
-            self._recording = RunRecording(directory, setup, self._now(), recorder_options(settings))
-            self.get_logger().info(f"recording to {directory}")
-        return str(self._recording.directory)
-
-    def _end_recording(self) -> str:
-        """Makes the recording whole; returns what there is to say of it."""
-        recording, self._recording = self._recording, None
-        if recording is None:
-            return "nothing was being recorded"
-        recording.close()
-        said = f"recorded {recording.directory}, {recording.dropped} messages left out"
-        return f"{said}; {recording.error}" if recording.error else said
+        inputs = {
+            JOINT_STATES: self.resolve_topic_name("joint_states"),
+            TARGET_POSE: self.resolve_topic_name("~/target_pose"),
+        }
+        return self._recorder.start(self._controller, self._publisher.topics | inputs, self._now())
 
     # --- settings ----------------------------------------------------------------------------------------------------
 
@@ -311,8 +284,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def _apply_settings(self, settings: Settings) -> None:
         if self._controller is not None:
             self._controller.apply(settings)
-            if self._recording is not None:
-                self._recording.applied(settings, self._now())
+            self._recorder.applied(settings, self._now())
 
     def _now(self) -> Instant:
         return Instant(time.monotonic_ns(), self.get_clock().now().nanoseconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -81,9 +82,9 @@ class StepPublisher:
         self._publishers[encode.STATUS].publish(said.data)
         return said
 
-    def diagnostics(self, status: Status, now: Instant) -> Outgoing:
-        """Publishes /diagnostics."""
-        data = encode.encode_diagnostics([(status, self._name, self._values())], now.ros_ns)
+    def diagnostics(self, status: Status, now: Instant, values: Mapping[str, str]) -> Outgoing:
+        """Publishes /diagnostics, with these ``values`` beside those of the last step."""
+        data = encode.encode_diagnostics([(status, self._name, {**self._values(), **values})], now.ros_ns)
         self._publishers[encode.DIAGNOSTICS].publish(data)
         return Outgoing(encode.DIAGNOSTICS, data)
 

@@ -1,0 +1,100 @@
+"""Plain data <-> JSON, exactly: what comes back has the same types and the same bits.
+
+Plain data: numbers, text, None, enums, NumPy arrays, tuples, mappings with text as keys, and NamedTuples and
+dataclasses of these. The type says how to read it, so the JSON holds values only. Floats are written with as many
+digits as tell them apart from every other; those that JSON has no numbers for are the texts "nan", "inf" and "-inf".
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import types
+from collections.abc import Mapping
+from enum import Enum
+from functools import cache
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from ik_node.errors import InputError
+
+
+def to_json(value: object) -> str:
+    """The text of plain data; InputError names what is none."""
+    return json.dumps(_plain(value), allow_nan=False, separators=(",", ":"))
+
+
+def from_json(text: str, kind: Any) -> Any:
+    """The value of type ``kind`` in ``text``; InputError when the text holds something else."""
+    try:
+        return _typed(json.loads(text), kind)
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"text is no {getattr(kind, '__name__', kind)}: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        value = value.value
+    elif isinstance(value, (np.ndarray, np.generic)):
+        finite = bool(np.isfinite(value).all())
+        value = value.tolist()
+        if finite:
+            return value
+    elif dataclasses.is_dataclass(value):
+        value = {entry.name: getattr(value, entry.name) for entry in dataclasses.fields(value)}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise InputError(f"{type(value).__name__} is no plain data")
+
+
+def _typed(value: Any, kind: Any) -> Any:
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return _one_of(value, arguments)
+    if origin is np.ndarray:
+        return np.array(_numbers(value), dtype=get_args(arguments[1])[0])
+    if origin is tuple:
+        kinds = [arguments[0]] * len(value) if arguments[1:] == (...,) else arguments
+        return tuple(_typed(entry, wanted) for entry, wanted in zip(value, kinds, strict=True))
+    if origin is not None and issubclass(origin, Mapping):
+        return {key: _typed(entry, arguments[1]) for key, entry in value.items()}
+    if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
+        return kind(**{name: _typed(value[name], wanted) for name, wanted in _fields(kind).items()})
+    if kind in (bool, int, str) and type(value) is not kind:
+        raise ValueError(f"{value!r} is no {kind.__name__}")
+    return kind(value)
+
+
+def _one_of(value: Any, kinds: tuple[Any, ...]) -> Any:
+    """The first of ``kinds`` that fits; None stands for itself."""
+    if value is None:
+        return None
+    for kind in kinds:
+        try:
+            return _typed(value, kind)
+        except (ValueError, KeyError, TypeError):
+            continue
+    raise ValueError(f"{value!r} fits none of {kinds}")
+
+
+def _numbers(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_numbers(entry) for entry in value]
+    return float(value) if isinstance(value, str) else value
+
+
+@cache
+def _fields(kind: Any) -> Mapping[str, Any]:
+    hints = get_type_hints(kind)
+    names = kind._fields if hasattr(kind, "_fields") else [entry.name for entry in dataclasses.fields(kind)]
+    return {name: hints[name] for name in names}

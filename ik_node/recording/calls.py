@@ -1,0 +1,63 @@
+"""Every way into the controller, as a recording knows it: a new kind of input is one line here.
+
+Node, recording and replay share these tables: what an input is called, which message it is, how its bytes are
+understood, and which method of the controller takes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from ik_node.clock import Instant
+from ik_node.controller import Controller
+from ik_node.messages.decode import decode_joint_state, decode_pose
+from ik_node.messages.step_codec import CallKind
+from ik_node.settings import Settings
+from ik_node.step import Step
+
+
+class Input(NamedTuple):
+    """A topic that the controller listens to."""
+
+    name: str
+    """Under the node's own name, unless it is a topic of ROS's own like ``joint_states``."""
+    type_name: str
+    decode: Callable[[bytes], Any]
+    """Message bytes -> what the call takes; InputError when they are no such message."""
+    make: Callable[[Controller, Any, Instant], Step | None]
+    """The call itself."""
+
+
+JOINT_STATES = "joint_states"
+TARGET_POSE = "target_pose"
+
+INPUTS: Mapping[CallKind, Input] = {
+    CallKind.ON_JOINT_STATE: Input(
+        JOINT_STATES, "sensor_msgs/msg/JointState", decode_joint_state, Controller.on_joint_state
+    ),
+    CallKind.ON_TARGET_POSE: Input(
+        TARGET_POSE, "geometry_msgs/msg/PoseStamped", decode_pose, Controller.on_target_pose
+    ),
+}
+"""Calls that take a message."""
+
+TEXT_CALLS: Mapping[CallKind, Callable[[Controller, str, Instant], Step | None]] = {
+    CallKind.PAUSE: lambda controller, reason, now: controller.pause(now, reason),
+}
+"""Calls that take a text."""
+
+SETTINGS_CALLS: Mapping[CallKind, Callable[[Controller, Settings, Instant], Step | None]] = {
+    CallKind.APPLY: lambda controller, settings, now: controller.apply(settings),
+}
+"""Calls that take all settings."""
+
+BARE_CALLS: Mapping[CallKind, Callable[[Controller, Instant], Step | None]] = {
+    CallKind.ON_CLOCK: Controller.on_clock,
+    CallKind.RESUME: lambda controller, now: controller.resume(),
+    CallKind.RESET: lambda controller, now: controller.reset(),
+}
+"""Calls that take nothing but the time, if that."""
+
+INPUT_TYPES: Mapping[str, str] = {entry.name: entry.type_name for entry in INPUTS.values()}
+"""Input -> message type."""

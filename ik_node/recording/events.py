@@ -1,0 +1,209 @@
+"""A recording as what happened to the controller: its calls in their order, and the Steps that came of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ik_node.controller import Controller
+from ik_node.controller_state import ControllerState
+from ik_node.errors import InputError, RecordingError
+from ik_node.messages.decode import decode_string
+from ik_node.messages.parameters import decode_parameters
+from ik_node.messages.step_codec import STEP_TYPE, Call, CallKind, StepDecoder, decode_call
+from ik_node.plain_json import from_json
+from ik_node.recording.calls import INPUTS, SETTINGS_CALLS, TEXT_CALLS
+from ik_node.recording.mcap_reader import RecordedMessage, Recording
+from ik_node.recording.session import (
+    CALL_TEXTS,
+    CALLS,
+    FORMAT,
+    PARAMETERS,
+    ROBOT_DESCRIPTION,
+    SETUP,
+    STATE,
+    STEP,
+    STEP_TEXTS,
+)
+from ik_node.robot import Robot
+from ik_node.settings import Settings
+
+
+class Event(NamedTuple):
+    """One call of the controller."""
+
+    number: int
+    """Counts all calls of a recording; one that is left out was lost."""
+    call: Call
+    data: bytes
+    """The message that the call took, with the text or the parameters; empty where it took none."""
+    step: bytes | None
+    """The message ``step`` that came of it."""
+
+
+class Checkpoint(NamedTuple):
+    """What the controller remembered at this point of a recording."""
+
+    state: ControllerState
+
+
+class Head(NamedTuple):
+    """What a recording says of its run before the first call."""
+
+    node: str
+    setup: Mapping[str, Any]
+    urdf: str
+    settings: Settings
+    state: ControllerState | None
+    """Where the run begins; None: with a controller that has not been called yet."""
+
+
+class RecordedCalls:
+    """The calls of one node in a recording, whole or cut off."""
+
+    def __init__(self, path: str | Path, node: str = "") -> None:
+        """``node``: full name; default: the only one there is.
+
+        Raises RecordingError when there is no recording, when it is damaged, or when it holds no run of that node; the
+        message says what it does hold.
+        """
+        self.recording = Recording(Path(path))
+        self.path = Path(path)
+        self.steps = StepDecoder()
+        """Understands the Steps of events that :meth:`events` has handed out."""
+        name = find_node(self.recording, node)
+        own = (SETUP, PARAMETERS, STATE, CALLS, CALL_TEXTS, STEP, STEP_TEXTS)
+        self._roles = {f"{name}/{role}": role for role in own} | {ROBOT_DESCRIPTION: ROBOT_DESCRIPTION}
+        self.head = self._read_head(name)
+        self._inputs = {topic: entry for entry, topic in self.head.setup["inputs"].items()}
+
+    def robot(self) -> Robot:
+        """The robot of the run, a new one at every call; RobotError when its URDF cannot be read."""
+        setup, prefix = self.head.setup, self.head.settings.arm.joint_prefix
+        return Robot(self.head.urdf, setup["base_frame"], setup["tip_frame"], tuple(setup["joints"]), prefix)
+
+    def controller(self, settings: Settings | None = None) -> Controller:
+        """A controller that is where the recorded one was when the recording began; with other ``settings`` maybe."""
+        controller = Controller(self.robot(), settings or self.head.settings)
+        if self.head.state is not None:
+            controller.restore(self.head.state)
+        return controller
+
+    def events(self) -> Iterator[Event | Checkpoint]:
+        """Everything in its order. RecordingError where the recording is damaged."""
+        inputs: dict[tuple[str, int], bytes] = {}
+        pending: Event | None = None
+        for message in self.recording.messages({*self._roles, *self._inputs}):
+            role = self._roles.get(message.topic)
+            if role is None:
+                inputs[self._inputs[message.topic], message.sequence] = message.data
+            elif role == STEP:
+                if pending is not None:
+                    pending = pending._replace(step=message.data)
+            elif role == CALLS:
+                if pending is not None:
+                    yield pending
+                pending = self._event(message, inputs)
+            elif role == STEP_TEXTS:
+                self._understood(message, self.steps.texts)
+            elif role in (CALL_TEXTS, PARAMETERS):
+                inputs[role, message.sequence] = message.data
+            elif role == STATE:
+                if pending is not None:
+                    yield pending
+                    pending = None
+                yield Checkpoint(self._understood(message, decode_state))
+        if pending is not None:
+            yield pending
+
+    @property
+    def lossy(self) -> bool:
+        """True where the recording says, or shows, that it does not hold everything."""
+        return not self.recording.complete or self.recording.custom.get("dropped", "0") != "0"
+
+    def settings(self, event: Event) -> Settings:
+        """All settings after a call that changed them."""
+        return self.head.settings.with_values(decode_parameters(event.data).values)
+
+    def _event(self, message: RecordedMessage, inputs: dict[tuple[str, int], bytes]) -> Event | None:
+        """The call with what it took; None where that was lost."""
+        call: Call = self._understood(message, decode_call)
+        source = _source(call.kind)
+        if source is None:
+            return Event(message.sequence, call, b"", None)
+        data = inputs.pop((source, call.sequence), None)
+        return None if data is None else Event(message.sequence, call, data, None)
+
+    def _read_head(self, node: str) -> Head:
+        found: dict[str, RecordedMessage] = {}
+        for message in self.recording.messages(self._roles):
+            role = self._roles[message.topic]
+            if role in (CALLS, STEP):
+                break
+            found[role] = message
+        missing = [role for role in (ROBOT_DESCRIPTION, SETUP, PARAMETERS) if role not in found]
+        if missing:
+            raise RecordingError(f"'{self.path}' lacks the beginning of the run of node '{node}': {', '.join(missing)}")
+        parameters = self._understood(found[PARAMETERS], decode_parameters).values
+        return Head(
+            node,
+            read_setup(self._understood(found[SETUP], decode_string)),
+            self._understood(found[ROBOT_DESCRIPTION], decode_string),
+            Settings().with_values(parameters),
+            self._understood(found[STATE], decode_state) if STATE in found else None,
+        )
+
+    def _understood(self, message: RecordedMessage, decode: Any) -> Any:
+        try:
+            return decode(message.data)
+        except InputError as error:
+            raise RecordingError(f"'{self.path}', topic {message.topic}: {error}") from error
+
+
+def _source(kind: CallKind) -> str | None:
+    """Where the message that a call took is found; None where it takes none."""
+    if kind in INPUTS:
+        return INPUTS[kind].name
+    if kind in TEXT_CALLS:
+        return CALL_TEXTS
+    return PARAMETERS if kind in SETTINGS_CALLS else None
+
+
+def decode_state(data: bytes) -> ControllerState:
+    """The state in a message of the topic ``state``; InputError when it holds none."""
+    state: ControllerState = from_json(decode_string(data), ControllerState)
+    return state
+
+
+def find_node(recording: Recording, wanted: str = "") -> str:
+    """The node whose run is asked for, by default the only one; RecordingError with what there is instead."""
+    counts = recording.counts()
+    ending = f"/{STEP}"
+    nodes = [topic.name[: -len(ending)] for topic in counts if topic.name.endswith(ending) and topic[1] == STEP_TYPE]
+    wanted = wanted.rstrip("/")
+    if wanted in nodes or (len(nodes) == 1 and not wanted):
+        return wanted or nodes[0]
+    if nodes:
+        which = f"no run of node '{wanted}'" if wanted else "several runs; name a node"
+        raise RecordingError(f"'{recording.path}' holds {which}; valid: {', '.join(sorted(nodes))}")
+    raise RecordingError(f"'{recording.path}' holds no run of ik_node; it holds: {what_it_holds(recording)}")
+
+
+def what_it_holds(recording: Recording) -> str:
+    """Topics with types and counts, for people."""
+    counts = recording.counts().items()
+    return ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts) or "nothing"
+
+
+def read_setup(text: str) -> dict[str, Any]:
+    """What the topic ``setup`` says; RecordingError when it is none, or of another format."""
+    try:
+        setup: dict[str, Any] = json.loads(text)
+        version = setup["format"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f"the setup of a run cannot be read: {error}") from error
+    if version != FORMAT:
+        raise RecordingError(f"recorded in format {version}; this version of ik_node reads {FORMAT}")
+    return setup

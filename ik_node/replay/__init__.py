@@ -1,0 +1,1 @@
+"""Recordings through the controller again: the same bits, or what would have been with other settings."""

@@ -1,0 +1,210 @@
+"""The recorded calls through a controller, and whether the same Steps come of them, bit for bit.
+
+Nothing is simulated: the controller gets the recorded messages at the recorded times, whatever it answers. So what
+parts does so for a reason inside the controller, and at the tick where it is first seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ik_node.clock import NS
+from ik_node.controller import Controller
+from ik_node.errors import InputError, RecordingError
+from ik_node.messages.decode import decode_string
+from ik_node.messages.step_codec import Call, StepEncoder
+from ik_node.plain_json import to_json
+from ik_node.recording.calls import BARE_CALLS, INPUTS, SETTINGS_CALLS, TEXT_CALLS
+from ik_node.recording.environment import differences
+from ik_node.recording.events import Checkpoint, Event, RecordedCalls
+from ik_node.step import Step
+
+TOLERANCE = 1e-9
+"""Elsewhere, with another processor's kernels, no number of a Step may part by more than this, in its SI unit."""
+
+
+class Parting(NamedTuple):
+    """One number of one Step that is not what was recorded."""
+
+    tick: int
+    """Running number of the Step; of the last one before, where there is none."""
+    time_s: float
+    """From the first call."""
+    call: Call
+    source: str
+    """What was called, with which message."""
+    field: str
+    """Of the Step."""
+    recorded: str
+    replayed: str
+    size: float
+    """Largest difference in that field, in its SI unit; inf where it is no number's."""
+
+
+@dataclass
+class Comparison:
+    """What came of a replay."""
+
+    calls: int = 0
+    ticks: int = 0
+    """Steps that were compared."""
+    duration_s: float = 0.0
+    """From the first call to the last."""
+    first: Parting | None = None
+    """Where bits part first."""
+    largest: dict[str, float] = field(default_factory=dict)
+    """Field -> largest difference, of those that differ."""
+    lost_calls: int = 0
+    """Calls that the recording does not hold; the replay goes on at the next recorded state."""
+    skipped_calls: int = 0
+    """Calls between a lost one and the next recorded state."""
+    lost_steps: int = 0
+    """Steps that the recording does not hold."""
+    checkpoints: int = 0
+    """Recorded states that were compared with the controller's."""
+    elsewhere: tuple[str, ...] = ()
+    """What is different here from where the recording was made, as far as bits depend on it."""
+
+    @property
+    def identical(self) -> bool:
+        """Every Step that the recording holds came out with the same bits."""
+        return self.first is None
+
+    @property
+    def within_tolerance(self) -> bool:
+        """No number parts by more than :data:`TOLERANCE`, and no text does."""
+        return all(size <= TOLERANCE for size in self.largest.values())
+
+    @property
+    def holds(self) -> bool:
+        """The same bits; on another machine or with other versions, the same but for rounding."""
+        return self.ticks > 0 and (self.identical or (bool(self.elsewhere) and self.within_tolerance))
+
+
+def make(controller: Controller, recorded: RecordedCalls, event: Event) -> Step | None:
+    """Makes a recorded call."""
+    call, data = event.call, event.data
+    try:
+        if call.kind in INPUTS:
+            entry = INPUTS[call.kind]
+            return entry.make(controller, entry.decode(data), call.now)
+        if call.kind in TEXT_CALLS:
+            return TEXT_CALLS[call.kind](controller, decode_string(data), call.now)
+        if call.kind in SETTINGS_CALLS:
+            return SETTINGS_CALLS[call.kind](controller, recorded.settings(event), call.now)
+        return BARE_CALLS[call.kind](controller, call.now)
+    except InputError:  # refused, as it was then
+        return None
+
+
+def replay(recorded: RecordedCalls) -> Comparison:
+    """All of a recording through a new controller. RecordingError where it is damaged or holds no Step to compare."""
+    return _Replay(recorded).run()
+
+
+class _Replay:
+    def __init__(self, recorded: RecordedCalls) -> None:
+        self._recorded = recorded
+        self._controller = recorded.controller()
+        self._encoder = StepEncoder(recorded.head.node, self._controller.robot.n)
+        self._found = Comparison(elsewhere=differences(recorded.head.setup["versions"]))
+        self._next = 0
+        self._last: Event | None = None
+        self._tick = 0
+        self._start_ns = 0
+        self._astray = False
+
+    def run(self) -> Comparison:
+        for entry in self._recorded.events():
+            if isinstance(entry, Checkpoint):
+                self._at_checkpoint(entry)
+                continue
+            if self._last is None:
+                self._start_ns, self._next = entry.call.now.monotonic_ns, entry.number
+            self._take(entry)
+            self._last = entry
+        if self._last is None or not self._found.ticks:
+            raise RecordingError(f"'{self._recorded.path}' holds no tick to compare")
+        self._found.duration_s = (self._last.call.now.monotonic_ns - self._start_ns) / NS
+        return self._found
+
+    def _at_checkpoint(self, checkpoint: Checkpoint) -> None:
+        if self._last is None:  # the one at the beginning, which the controller started with
+            return
+        if self._astray:
+            self._controller.restore(checkpoint.state)
+            self._astray = False
+        elif self._found.identical:
+            self._found.checkpoints += 1
+            there, here = to_json(checkpoint.state), to_json(self._controller.state())
+            if there != here and not self._found.elsewhere:
+                self._note(Parting(*self._where(self._last), "state", there, here, math.inf))
+
+    def _take(self, event: Event) -> None:
+        if event.number != self._next:
+            self._found.lost_calls += event.number - self._next
+            self._astray = True
+        self._next = event.number + 1
+        if self._astray:
+            self._found.skipped_calls += 1
+            return
+        self._found.calls += 1
+        step = make(self._controller, self._recorded, event)
+        if step is None and event.step is None:
+            return
+        self._tick = self._tick if step is None else step.tick
+        if event.step is None or step is None:
+            self._only_one(event, step)
+            return
+        self._found.ticks += 1
+        texts = self._recorded.steps.texts_of(event.step)
+        same_texts = texts.status == step.status and texts.binding == step.binding
+        if not same_texts or event.step != self._encoder.numbers(step, texts.number):
+            self._part(event, self._recorded.steps.step(event.step), step)
+
+    def _only_one(self, event: Event, step: Step | None) -> None:
+        """A Step that only the recording, or only the replay has."""
+        if event.step is None and self._recorded.lossy:
+            self._found.lost_steps += 1
+            return
+        there, here = ("none", "a Step") if event.step is None else ("a Step", "none")
+        self._note(Parting(*self._where(event), "step", there, here, math.inf))
+
+    def _part(self, event: Event, recorded: Step, replayed: Step) -> None:
+        """Every field in which both differ."""
+        for name in Step._fields:
+            one, two = getattr(recorded, name), getattr(replayed, name)
+            size = _difference(one, two)
+            if size is not None:
+                self._note(Parting(*self._where(event), name, _shown(one), _shown(two), size))
+
+    def _note(self, parting: Parting) -> None:
+        found = self._found
+        found.first = found.first or parting
+        found.largest[parting.field] = max(found.largest.get(parting.field, 0.0), parting.size)
+
+    def _where(self, event: Event) -> tuple[int, float, Call, str]:
+        call = event.call
+        source = f", message {call.sequence} of {INPUTS[call.kind].name}" if call.kind in INPUTS else ""
+        time_s = (call.now.monotonic_ns - self._start_ns) / NS
+        return self._tick, time_s, call, call.kind.name.lower() + source
+
+
+def _difference(one: Any, two: Any) -> float | None:
+    """How far apart; None when the same to the last bit. NaN is the same as NaN, and infinitely far from the rest."""
+    if isinstance(one, np.ndarray):
+        if one.tobytes() == two.tobytes():
+            return None
+        apart = np.where(np.isnan(one) & np.isnan(two), 0.0, np.abs(one - two))
+        return float(np.where(np.isnan(apart), np.inf, apart).max())
+    if isinstance(one, float):
+        return _difference(np.array(one), np.array(two))
+    return None if one == two else math.inf
+
+
+def _shown(value: Any) -> str:
+    return str(value.tolist()) if isinstance(value, np.ndarray) else str(value)

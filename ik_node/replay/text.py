@@ -1,0 +1,72 @@
+"""What came of a replay, for people and for machines."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ik_node.recording.events import RecordedCalls
+from ik_node.replay.same import TOLERANCE, Comparison, Parting
+
+_LONGEST = 300
+
+
+def as_plain(found: Comparison) -> dict[str, Any]:
+    """Figures as JSON has them."""
+    first = found.first
+    return {
+        "identical": found.identical,
+        "holds": found.holds,
+        "tolerance": TOLERANCE,
+        "calls": found.calls,
+        "ticks": found.ticks,
+        "duration_s": found.duration_s,
+        "checkpoints": found.checkpoints,
+        "lost": {"calls": found.lost_calls, "skipped_calls": found.skipped_calls, "steps": found.lost_steps},
+        "elsewhere": list(found.elsewhere),
+        "largest": {name: None if math.isinf(size) else size for name, size in found.largest.items()},
+        "first": None
+        if first is None
+        else {"tick": first.tick, "time_s": first.time_s, "source": first.source, "field": first.field}
+        | {"recorded": first.recorded, "replayed": first.replayed},
+    }
+
+
+def as_text(recorded: RecordedCalls, found: Comparison, took_s: float) -> str:
+    """A few lines."""
+    head = recorded.head
+    robot = head.setup["robot"] or "a robot given as URDF"
+    lines = [
+        f"recording {recorded.path}: {head.node}, {robot}, method {head.settings.control.method}",
+        f"replayed  {found.calls} calls, {found.ticks} ticks, {found.duration_s:.1f} s in {took_s:.2f} s"
+        f" ({found.duration_s / took_s:.1f} times real time)",
+    ]
+    if not recorded.recording.complete:
+        lines.append("cut off   its writer did not end it; ik_repair makes it whole")
+    if found.lost_calls or found.lost_steps:
+        lines.append(
+            f"lost      {found.lost_calls} calls and {found.lost_steps} steps are not in the recording;"
+            f" {found.skipped_calls} calls until the next recorded state were not tried"
+        )
+    return "\n".join((*lines, *_verdict(found)))
+
+
+def _verdict(found: Comparison) -> list[str]:
+    if found.first is None:
+        states = f", and so are {found.checkpoints} recorded states" if found.checkpoints else ""
+        return [f"same      every step is bit for bit the recorded one{states}"]
+    there = [f"          {line}" for line in found.elsewhere]
+    if there:
+        there = ["made      elsewhere, or by other code:", *there]
+    largest = [f"          {name} parts by up to {size:.3g}" for name, size in found.largest.items()]
+    if found.holds:
+        return [*there, f"same      but for rounding: no number parts by more than {TOLERANCE:g}", *largest]
+    return [*there, *_parting(found.first), "apart     at most, in SI units:", *largest]
+
+
+def _parting(first: Parting) -> list[str]:
+    return [
+        f"parts     at tick {first.tick}, {first.time_s:.6f} s, {first.source}: {first.field} by {first.size:.3g}",
+        f"          recorded {first.recorded[:_LONGEST]}",
+        f"          replayed {first.replayed[:_LONGEST]}",
+    ]

@@ -21,12 +21,15 @@ class Input(NamedTuple):
     """A topic that the controller listens to."""
 
     name: str
-    """Under the node's own name, unless it is a topic of ROS's own like ``joint_states``."""
+    topic: str
+    """As ROS resolves it for a node: ``~/`` is the node's own name."""
     type_name: str
     decode: Callable[[bytes], Any]
     """Message bytes -> what the call takes; InputError when they are no such message."""
     make: Callable[[Controller, Any, Instant], Step | None]
-    """The call itself."""
+    """The call itself; an IkNodeError says what was refused."""
+    streamed: bool = False
+    """Only the newest counts: a lost one need not be sent again."""
 
 
 JOINT_STATES = "joint_states"
@@ -34,10 +37,10 @@ TARGET_POSE = "target_pose"
 
 INPUTS: Mapping[CallKind, Input] = {
     CallKind.ON_JOINT_STATE: Input(
-        JOINT_STATES, "sensor_msgs/msg/JointState", decode_joint_state, Controller.on_joint_state
+        JOINT_STATES, JOINT_STATES, "sensor_msgs/msg/JointState", decode_joint_state, Controller.on_joint_state, True
     ),
     CallKind.ON_TARGET_POSE: Input(
-        TARGET_POSE, "geometry_msgs/msg/PoseStamped", decode_pose, Controller.on_target_pose
+        TARGET_POSE, "~/target_pose", "geometry_msgs/msg/PoseStamped", decode_pose, Controller.on_target_pose, True
     ),
 }
 """Calls that take a message."""

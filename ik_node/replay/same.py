@@ -14,7 +14,7 @@ import numpy as np
 
 from ik_node.clock import NS
 from ik_node.controller import Controller
-from ik_node.errors import InputError, RecordingError
+from ik_node.errors import IkNodeError, RecordingError
 from ik_node.messages.decode import decode_string
 from ik_node.messages.step_codec import Call, StepEncoder
 from ik_node.plain_json import to_json
@@ -97,7 +97,7 @@ def make(controller: Controller, recorded: RecordedCalls, event: Event) -> Step 
         if call.kind in SETTINGS_CALLS:
             return SETTINGS_CALLS[call.kind](controller, recorded.settings(event), call.now)
         return BARE_CALLS[call.kind](controller, call.now)
-    except InputError:  # refused, as it was then
+    except IkNodeError:  # refused, as it was then
         return None
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -18,10 +15,10 @@ from ik_node.catalogue import robot_from
 from ik_node.clock import Instant
 from ik_node.controller import Controller
 from ik_node.errors import IkNodeError, InputError, RecordingError
-from ik_node.messages import decode
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.calls import JOINT_STATES, TARGET_POSE
+from ik_node.recording.calls import INPUTS, Input
 from ik_node.ros import parameters, qos
+from ik_node.ros.message_class import message_class
 from ik_node.ros.publishing import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
 from ik_node.settings import Settings
@@ -80,10 +77,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
                 self._start_recording()
             except RecordingError as error:  # the arm is worth more than the recording
                 self.get_logger().error(f"not recorded: {error}")
-        self._inputs = [
-            self._listen(JointState, "joint_states", self._on_joint_state),
-            self._listen(PoseStamped, "~/target_pose", self._on_target_pose),
-        ]
+        self._inputs = [self._listen(kind) for kind in INPUTS]
         moved = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {moved}")
         return TransitionCallbackReturn.SUCCESS
@@ -154,35 +148,31 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
-    def _listen(self, message_type: type, topic: str, callback: Callable[[bytes, Instant], None]) -> Any:
-        """Subscribes to the bytes of a topic: they are recorded as they came, and decoded faster than rclpy does."""
+    def _listen(self, kind: CallKind) -> Any:
+        """Subscribes to the bytes of an input: they are recorded as they came, and decoded faster than rclpy does."""
+        entry = INPUTS[kind]
 
         def on_bytes(data: bytes) -> None:
             if self._active:
-                callback(data, self._now())
+                self._on_input(kind, entry, data, self._now())
 
-        return self.create_subscription(message_type, topic, on_bytes, qos.STREAM, raw=True)
+        profile = qos.STREAM if entry.streamed else qos.OUTPUT
+        return self.create_subscription(message_class(entry.type_name), entry.topic, on_bytes, profile, raw=True)
 
-    def _on_joint_state(self, data: bytes, now: Instant) -> None:
+    def _on_input(self, kind: CallKind, entry: Input, data: bytes, now: Instant) -> None:
         if self._controller is None:
             return
         try:
-            sample = decode.decode_joint_state(data)
+            sample = entry.decode(data)
         except InputError as error:
-            self.get_logger().warning(f"joint state dropped: {error}", throttle_duration_sec=1.0)
+            self.get_logger().warning(f"{entry.name} dropped: {error}", throttle_duration_sec=1.0)
             return
-        step = self._controller.on_joint_state(sample, now)
-        self._send(step, CallKind.ON_JOINT_STATE, now, JOINT_STATES, data)
-
-    def _on_target_pose(self, data: bytes, now: Instant) -> None:
-        if self._controller is None:
-            return
+        step = None
         try:
-            sample = decode.decode_pose(data)
-            self._recorder.called(CallKind.ON_TARGET_POSE, now, TARGET_POSE, data)
-            self._controller.on_target_pose(sample, now)
-        except InputError as error:
-            self.get_logger().warning(f"target refused: {error}", throttle_duration_sec=1.0)
+            step = entry.make(self._controller, sample, now)
+        except IkNodeError as error:
+            self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
+        self._send(step, kind, now, entry.name, data)
 
     def _on_description(self, message: String) -> None:
         self._described = message.data
@@ -266,10 +256,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """Returns the folder; RecordingError when it exists or cannot be written, or there is nothing to record."""
         if self._controller is None:
             raise RecordingError("nothing to record before the node is configured")
-        inputs = {
-            JOINT_STATES: self.resolve_topic_name("joint_states"),
-            TARGET_POSE: self.resolve_topic_name("~/target_pose"),
-        }
+        inputs = {entry.name: self.resolve_topic_name(entry.topic) for entry in INPUTS.values()}
         return self._recorder.start(self._controller, self._publisher.topics | inputs, self._now())
 
     # --- settings ----------------------------------------------------------------------------------------------------

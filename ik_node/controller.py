@@ -21,11 +21,11 @@ from __future__ import annotations
 import numpy as np
 
 from ik_node import se3
-from ik_node.braking import Ramp, ramp_to_zero
 from ik_node.clock import NS, Instant, place
 from ik_node.control_law import IkDifference, IkMemory, twist_feedback
 from ik_node.controller_state import ControllerMemory, ControllerState
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused
+from ik_node.following import FollowMonitor
 from ik_node.inputs import JointSample, ObstacleSample, PoseSample
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
 from ik_node.limits import motion_limits
@@ -34,8 +34,9 @@ from ik_node.robot import Robot
 from ik_node.scene import obstacle, shape
 from ik_node.se3 import Array
 from ik_node.settings import Settings
-from ik_node.status import StatusKeeper, StatusMemory
+from ik_node.status import StatusMemory
 from ik_node.step import Level, Mode, Status, Step
+from ik_node.supervision import Supervision, SupervisionMemory
 from ik_node.tick import Moment, Outcome, TickSolver
 from ik_node.trajectory.stream import StreamedPoses
 
@@ -43,10 +44,9 @@ INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean of the time between ticks."""
 TARGET_AHEAD_S = 0.5
 """Target stamps may lie this far in the future (a planner's look-ahead) and still be believed."""
+NOBODY_LISTENS = Status(Level.WARN, Mode.STOPPED, "nobody listens to the commands")
 HIGHEST_GAIN_FOR_LATE_ARMS = 100.0
 """Gain [1/s] up to which ik_difference was seen to stay stable with 20 ms of lag and one sample of delay."""
-MOVING = (Mode.HOLDING, Mode.TRACKING, Mode.RAMPING)
-"""Modes in which a velocity may be standing at the robot."""
 
 
 class Controller:
@@ -62,9 +62,8 @@ class Controller:
         self._ik = IkDifference(robot)
         self._states = JointStateMerger(robot.joints, settings.state)
         self._stream = StreamedPoses(settings.target)
-        self._ramp: Ramp | None = None
-        self._rest = Status(Level.OK, Mode.WAITING, "waiting for the first joint state")
-        self._status = StatusKeeper(self._rest)
+        self._supervision = Supervision()
+        self._status = self._supervision.says
         self._tick = 0
         self._velocity = np.zeros(robot.n)
         self._state: JointState | None = None
@@ -73,6 +72,9 @@ class Controller:
         self._due_ns = 0
         self._last_tick_ns = 0
         self._commanded_ns = 0
+        self._follow = FollowMonitor(robot, settings.follow)
+        self._retry_ns = 0
+        self._listeners = 1
 
     @property
     def status(self) -> Status:
@@ -82,7 +84,7 @@ class Controller:
     @property
     def at_rest(self) -> bool:
         """True when the last command was zero and no further one comes by itself."""
-        return self.status.mode not in MOVING
+        return not self._supervision.moving
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
@@ -112,7 +114,7 @@ class Controller:
         self._status.note("target")
         stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS), round(TARGET_AHEAD_S * NS))
         self._status.flag("target stamps disagree with this clock; arrival counts", stamped.skew_ns != 0, now)
-        if self.status.mode in (Mode.HOLDING, Mode.TRACKING):
+        if self._supervision.closed_loop:
             self._stream.add(pose_sd, stamped)
 
     def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
@@ -127,11 +129,17 @@ class Controller:
         if wrong:
             raise SceneError("; ".join(wrong))
 
+    def on_listeners(self, count: int, now: Instant) -> None:
+        """Takes how many listen to the commands; a node that nobody listens to does not pretend to move an arm."""
+        self._listeners = count
+        if count == 0 and self._supervision.closed_loop:
+            self._ramp_down(now, NOBODY_LISTENS)
+
     def on_clock(self, now: Instant) -> Step | None:
         """What happens when nothing arrives: dead joint states, the rest of a ramp. To be called every 10 ms or so."""
-        if self._ramp is not None and now.monotonic_ns - self._last_tick_ns >= 2.0 * self._period_s * NS:
-            return self._ramp_step(now)
-        if self.status.mode in (Mode.HOLDING, Mode.TRACKING):
+        if self._supervision.ramp is not None and now.monotonic_ns - self._last_tick_ns >= 2.0 * self._period_s * NS:
+            return self._bare_step(now, self._supervision.ramp_velocity(now))
+        if self._supervision.closed_loop:
             timeout_s = self.settings.state.timeout_s
             if now.monotonic_ns - self._states.received_ns > timeout_s * NS:
                 return self._stop(now, Level.ERROR, f"no joint state for {timeout_s:g} s")
@@ -149,15 +157,13 @@ class Controller:
 
     def resume(self) -> None:
         """Starts again from the measured position, at rest; changes nothing when neither paused nor about to be."""
-        if self._rest.mode is Mode.PAUSED:
-            self._restart("waiting for a joint state")
+        self._supervision.resume()
 
     def reset(self) -> None:
         """Leaves a fault or a pause and starts again from the measured position."""
         self._status.note("target")
         self._status.note("obstacles")
-        if self._rest.mode in (Mode.PAUSED, Mode.FAULT):
-            self._restart("reset; waiting for a joint state")
+        self._supervision.reset()
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when these settings do not fit the robot; changes nothing."""
@@ -169,6 +175,7 @@ class Controller:
         self.settings = settings
         self._states.configure(settings.state)
         self._stream.configure(settings.target)
+        self._follow.configure(settings.follow)
 
     # --- state -------------------------------------------------------------------------------------------------------
 
@@ -176,19 +183,23 @@ class Controller:
         """Everything that decides what comes next, beside the robot and the settings."""
         return ControllerState(
             remembered(self, ControllerMemory),
+            remembered(self._supervision, SupervisionMemory),
             remembered(self._status, StatusMemory),
             remembered(self._states, MergerMemory),
             remembered(self._ik, IkMemory),
             self._stream.state(),
+            self._follow.memory(),
         )
 
     def restore(self, state: ControllerState) -> None:
         """Goes on, bit for bit, where a controller of the same robot and settings was in ``state``."""
         recall(self, state.controller)
+        recall(self._supervision, state.supervision)
         recall(self._status, state.status)
         recall(self._states, state.joint_states)
         recall(self._ik, state.ik_difference)
         self._stream.restore(state.stream)
+        self._follow.recall(state.follow)
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 
@@ -206,20 +217,41 @@ class Controller:
             self._interval_s += INTERVAL_SMOOTHING * (interval_s - self._interval_s)
         self._state = state
         self._last_tick_ns = now.monotonic_ns
-        if self._ramp is not None:
-            return self._ramp_step(now)
-        if self._rest.mode in (Mode.PAUSED, Mode.FAULT):
-            return None
-        slowest_s = self._period_s / max(self.settings.control.min_rate_fraction, 1e-3)
-        if self._interval_s > slowest_s:
-            reason = f"joint states slower than {1.0 / slowest_s:.0f} Hz, the part min_rate_fraction of rate_hz"
-            self._ramp_down(now, Status(Level.ERROR, Mode.STOPPED, reason))
-            return None if self._ramp is None else self._ramp_step(now)
-        if self.status.mode not in (Mode.HOLDING, Mode.TRACKING):
+        if self._supervision.ramp is not None:
+            return self._bare_step(now, self._supervision.ramp_velocity(now))
+        return self._track(state, now) if self._may_move(state, now) else None
+
+    def _may_move(self, state: JointState, now: Instant) -> bool:
+        """Whether a control law may be at work; begins it from the measured position, or leads the arm to rest."""
+        if self._supervision.held_back:
+            return False
+        obstruction = self._obstruction(state, now)
+        if obstruction is not None:
+            self._ramp_down(now, obstruction)
+            return False
+        if not self._supervision.closed_loop:
+            if now.monotonic_ns < self._retry_ns:
+                return False
+            self._follow.forget()
             self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
             self._ik.solution = None
             self._stream.start(self.robot.pose(state.position), state.time_ns)
-        return self._track(state, now)
+        return True
+
+    def _obstruction(self, state: JointState, now: Instant) -> Status | None:
+        """What forbids to move the arm as things are; None when nothing does."""
+        slowest_s = self._period_s / max(self.settings.control.min_rate_fraction, 1e-3)
+        if self._interval_s > slowest_s:
+            reason = f"joint states slower than {1.0 / slowest_s:.0f} Hz, the part min_rate_fraction of rate_hz"
+            return Status(Level.ERROR, Mode.STOPPED, reason)
+        if self._listeners == 0:
+            return NOBODY_LISTENS
+        if self._supervision.closed_loop and self.settings.follow.enabled:
+            reason = self._follow.observe(state.time_ns, state.position, self._velocity)
+            if reason:
+                self._retry_ns = now.monotonic_ns + round(self.settings.follow.retry_s * NS)
+                return Status(Level.WARN, Mode.STOPPED, reason)
+        return None
 
     def _track(self, state: JointState, now: Instant) -> Step:
         control = self.settings.control
@@ -313,46 +345,19 @@ class Controller:
 
     # --- coming to rest ----------------------------------------------------------------------------------------------
 
-    def _restart(self, reason: str) -> None:
-        self._ramp = None
-        self._state = None
-        self._interval_s = self._period_s
-        self._rest = Status(Level.OK, Mode.WAITING, reason)
-        self._status.set(self._rest)
-
     def _ramp_down(self, now: Instant, rest: Status) -> None:
-        """Begins a ramp that ends in ``rest``; goes there at once where nothing moves."""
-        self._rest = rest
-        if self._velocity.any():
-            if self._ramp is None:
-                self._ramp = ramp_to_zero(self._velocity, self._solver.limits.acceleration, now.monotonic_ns)
-            self._status.set(Status(rest.level, Mode.RAMPING, rest.reason))
-        else:
-            self._status.set(rest)
-
-    def _ramp_step(self, now: Instant) -> Step:
-        ramp = self._ramp
-        velocity = np.zeros(self.robot.n) if ramp is None else ramp.at(now.monotonic_ns)
-        if ramp is None or ramp.finished(now.monotonic_ns):
-            self._ramp = None
-            self._status.set(self._rest)
-        return self._bare_step(now, velocity)
+        self._supervision.ramp_down(self._velocity, self._solver.limits.acceleration, now, rest)
 
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Zeros at once; goes on from the measured position with the next good state, unless paused or at fault."""
-        moved = self.status.mode in MOVING
-        self._ramp = None
+        moved = self._supervision.moving
+        self._supervision.stop(level, reason)
         self._state = None
         self._interval_s = self._period_s
-        if self._rest.mode not in (Mode.PAUSED, Mode.FAULT):
-            self._rest = Status(level, Mode.STOPPED, reason)
-        self._status.set(self._rest)
         return self._bare_step(now, np.zeros(self.robot.n)) if moved else None
 
     def _fault(self, now: Instant, reason: str) -> Step:
-        self._ramp = None
-        self._rest = Status(Level.ERROR, Mode.FAULT, f"{reason}; stopped until reset")
-        self._status.set(self._rest)
+        self._supervision.fault(reason)
         return self._bare_step(now, np.zeros(self.robot.n))
 
     def _bare_step(self, now: Instant, velocity: Array) -> Step:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ik_node.braking import Ramp
 from ik_node.control_law import IkMemory
+from ik_node.following import FollowMemory
 from ik_node.joint_states import JointState, MergerMemory
 from ik_node.se3 import Array
 from ik_node.status import StatusMemory
-from ik_node.step import Status
+from ik_node.supervision import SupervisionMemory
 from ik_node.trajectory.stream import StreamState
 
 
@@ -21,8 +21,6 @@ class ControllerMemory(NamedTuple):
 
     targets_refused: int
     states_refused: int
-    ramp: Ramp | None
-    rest: Status
     tick: int
     velocity: Array
     state: JointState | None
@@ -30,13 +28,17 @@ class ControllerMemory(NamedTuple):
     due_ns: int
     last_tick_ns: int
     commanded_ns: int
+    retry_ns: int
+    listeners: int
 
 
 class ControllerState(NamedTuple):
     """Everything that decides what a controller does next, beside its robot and its settings."""
 
     controller: ControllerMemory
+    supervision: SupervisionMemory
     status: StatusMemory
     joint_states: MergerMemory
     ik_difference: IkMemory
     stream: StreamState
+    follow: FollowMemory

@@ -17,7 +17,9 @@ from ik_node.controller import Controller
 from ik_node.errors import SettingsError, TargetRefused
 from ik_node.inputs import JointSample, PoseSample
 from ik_node.robot import Robot
+from ik_node.se3 import Array
 from ik_node.settings import ArmSettings, Settings
+from ik_node.simulator import ArmModel, SimulatedArm
 from ik_node.step import Level, Mode, Step
 from ik_node.trajectory.shapes import figure_of_eight
 
@@ -223,6 +225,79 @@ def test_resume_goes_on_from_where_the_arm_is(panda: Robot) -> None:
     loop.run(0.1)
     assert loop.mode() is Mode.HOLDING
     assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-9
+
+
+def test_resume_during_the_ramp_finishes_the_ramp_first(panda: Robot) -> None:
+    loop = moving_loop(panda)
+    loop.controller.pause(loop.now)
+    loop.run(0.01)
+    loop.controller.resume()
+    assert loop.mode() is Mode.RAMPING
+    begun = len(loop.steps)
+    loop.run(0.5)
+    assert loop.mode() is Mode.HOLDING
+    rate = np.abs(np.diff([step.joint_velocity for step in loop.steps[begun:]], axis=0)).max() * NS / loop.period_ns
+    assert rate <= loop.settings.limits.acceleration[0] * (1 + 1e-9)
+
+
+def test_a_robot_that_stands_still_is_noticed_and_taken_up_again_without_a_lunge(panda: Robot) -> None:
+    """A protective stop: commands are not obeyed for a while. They go to zero, and on return nothing jumps."""
+    loop = moving_loop(panda)
+    trajectory, begin_ns = figure_of_eight(loop.pose()), loop.time_ns
+    frozen = loop.position
+
+    def stream() -> None:
+        loop.target(trajectory.pose((loop.time_ns - begin_ns) / NS))
+
+    class Standing:
+        """Measures what it was stopped at."""
+
+        model = loop.arm.model
+
+        def measure(self, time_ns: int) -> Array:
+            del time_ns
+            return np.array(frozen)
+
+        def advance(self, time_ns: int) -> tuple[Array, Array]:
+            del time_ns
+            return np.array(frozen), np.zeros(7)
+
+        def command(self, velocity: Array, time_ns: int) -> None:
+            del velocity, time_ns
+
+    arm, loop.arm = loop.arm, Standing()  # type: ignore[assignment]
+    loop.run(1.2, stream)
+    told = [step for step in loop.steps if "does not move" in step.status.reason]
+    assert told, loop.controller.status.reason
+    assert not loop.steps[-1].joint_velocity.any() or loop.mode() is not Mode.TRACKING
+    loop.run(2.0, stream)
+    loop.arm = SimulatedArm(frozen, panda.limits, loop.time_ns)
+    count = len(loop.steps)
+    loop.run(4.0, stream)
+    assert loop.mode() is Mode.TRACKING
+    rate = np.abs(np.diff([step.joint_velocity for step in loop.steps[count:]], axis=0)).max() * NS / loop.period_ns
+    assert rate <= 10.0 * (1 + 1e-9)
+    assert np.linalg.norm(loop.steps[-1].error_b[:3]) < 1e-3
+    del arm
+
+
+def test_a_late_arm_and_a_slow_one_are_not_taken_for_one_that_does_not_follow(panda: Robot) -> None:
+    late = Loop(panda, READY["panda"], model=ArmModel(lag_s=0.03, delay_s=0.004, encoder_noise=1e-4))
+    late.run(0.05)
+    late.follow(figure_of_eight(late.pose()).pose, 10.0, 50.0)
+    assert not any(step.status.mode is Mode.STOPPED for step in late.steps)
+
+
+def test_nobody_listening_is_said_and_nothing_is_commanded(panda: Robot) -> None:
+    loop = moving_loop(panda)
+    loop.controller.on_listeners(0, loop.now)
+    loop.run(1.0)
+    assert loop.mode() is Mode.STOPPED
+    assert loop.controller.status.reason == "nobody listens to the commands"
+    assert not loop.steps[-1].joint_velocity.any()
+    loop.controller.on_listeners(1, loop.now)
+    loop.run(0.1)
+    assert loop.mode() is Mode.HOLDING
 
 
 def test_an_exception_inside_is_a_fault_until_reset(panda: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -178,6 +178,11 @@ class Robot:
         result: Array = self._pose_base_root @ placement.homogeneous
         return result
 
+    def moves_with_tool(self, frame: str) -> bool:
+        """Whether ``frame`` stands still in the tool frame; UnknownNameError with the list of frames."""
+        frames = self.model.frames
+        return bool(frames[_frame_id(self.model, frame)].parentJoint == frames[self._tip_id].parentJoint)
+
     def joint_origins(self, q: Array) -> Array:
         """Where the controlled joints are at q (n,), seen from the base frame, (n, 3), m."""
         pin.forwardKinematics(self.model, self.data, self._configuration(q))

@@ -287,13 +287,19 @@ class PathSettings(Group):
     approach_linear_jerk: float = setting(40.0, "Jerk of the approach to a path.", "m/s3", 0.1, 1e4)
     approach_angular_jerk: float = setting(160.0, "Angular jerk of the approach to a path.", "rad/s3", 0.1, 1e4)
     join_distance: float = setting(
-        0.02, "A path that has begun is joined where it is now if that is no further away; else at its start.", "m", 0.0
+        0.02,
+        "A path that has begun is joined where it is now if that is no further away; else at its start.",
+        "m",
+        0.0,
+        1.0,
     )
-    join_angle: float = setting(0.1, "The same for the orientation.", "rad", 0.0)
+    join_angle: float = setting(0.1, "The same for the orientation.", "rad", 0.0, 1.0)
     linear_speed: float = setting(0.2, "Speed along a path without times.", "m/s", 0.001, 10.0)
     angular_speed: float = setting(0.5, "Turning rate along a path without times.", "rad/s", 0.001, 30.0)
     linear_acceleration: float = setting(0.5, "Acceleration along a path without times.", "m/s2", 0.01, 100.0)
-    angular_acceleration: float = setting(2.0, "Angular acceleration along a path without times.", "rad/s2", 0.01, 100)
+    angular_acceleration: float = setting(
+        2.0, "Angular acceleration along a path without times.", "rad/s2", 0.01, 100.0
+    )
     max_ahead_s: float = setting(60.0, "A path that begins later than this from now is refused.", "s", 0.0, 1e5)
     max_poses: int = setting(5000, "A path with more poses than this is refused.", "", 2, 100_000)
 

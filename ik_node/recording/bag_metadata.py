@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from mcap.records import Channel
 
 from ik_node.messages.cdr import STORE
 from ik_node.recording.mcap_file import ChannelInfo, Content
@@ -22,6 +24,8 @@ METADATA_FILE = "metadata.yaml"
 RECORD_NAME = "rosbag2"
 """Name of the metadata record inside each file that repeats ``metadata.yaml``."""
 ROOT = "rosbag2_bagfile_information"
+DROPPED, REPAIRED = "dropped", "repaired"
+"""Keys of ``custom_data``: messages that were left out, and what a repair took away."""
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -32,13 +36,6 @@ class Qos(NamedTuple):
     reliable: bool = True
     latched: bool = False
     """Transient local: a late subscriber still gets the last message."""
-
-
-class Topic(NamedTuple):
-    """A recorded topic."""
-
-    channel: ChannelInfo
-    qos: Qos
 
 
 class PartInfo(NamedTuple):
@@ -63,14 +60,14 @@ def qos_profile(qos: Qos) -> dict[str, Any]:
     }
 
 
-def describe_topic(name: str, type_name: str, qos: Qos) -> Topic:
+def describe_topic(name: str, type_name: str, qos: Qos) -> ChannelInfo:
     """What a bag says of a topic; TypesysError when the type is not one of ROS 2 Jazzy's."""
     definition, _ = STORE.generate_msgdef(type_name, ros_version=2)
     metadata = {
         "offered_qos_profiles": _qos_text(qos),
         "topic_type_hash": STORE.hash_rihs01(type_name),
     }
-    return Topic(ChannelInfo(name, type_name, definition, metadata), qos)
+    return ChannelInfo(name, type_name, definition, metadata)
 
 
 @lru_cache
@@ -78,15 +75,27 @@ def _qos_text(qos: Qos) -> str:
     return _yaml([qos_profile(qos)])
 
 
-def bag_metadata(parts: Sequence[PartInfo], topics: Sequence[Topic], custom: Mapping[str, str]) -> dict[str, Any]:
-    """The content of ``metadata.yaml`` below its root key, for these files and ``topics`` in channel order."""
+@lru_cache
+def _profiles(text: str) -> list[Any]:
+    """A channel's QoS; none where it has none that can be read."""
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    return profiles if isinstance(profiles, list) else []
+
+
+def bag_metadata(parts: Sequence[PartInfo], custom: Mapping[str, str]) -> dict[str, Any]:
+    """The content of ``metadata.yaml`` below its root key, for these files."""
     filled = [part.content for part in parts if part.content.message_count]
     start_ns = min((content.start_ns for content in filled), default=0)
     end_ns = max((content.end_ns for content in filled), default=0)
-    counts = dict.fromkeys(range(1, len(topics) + 1), 0)
+    topics: dict[str, dict[str, Any]] = {}
+    counts: dict[str, int] = {}
     for part in parts:
-        for channel, count in part.content.counts.items():
-            counts[channel] += count
+        for channel in part.content.channels:
+            topics.setdefault(channel.topic, _topic(channel, part.content.schema_of(channel)))
+            counts[channel.topic] = counts.get(channel.topic, 0) + part.content.counts[channel.id]
     return {
         "version": VERSION,
         "storage_identifier": STORAGE,
@@ -94,8 +103,7 @@ def bag_metadata(parts: Sequence[PartInfo], topics: Sequence[Topic], custom: Map
         "starting_time": {"nanoseconds_since_epoch": start_ns},
         "message_count": sum(counts.values()),
         "topics_with_message_count": [
-            {"topic_metadata": _topic(topic), "message_count": counts[number]}
-            for number, topic in enumerate(topics, start=1)
+            {"topic_metadata": about, "message_count": counts[topic]} for topic, about in topics.items()
         ],
         "compression_format": "",
         "compression_mode": "",
@@ -106,9 +114,12 @@ def bag_metadata(parts: Sequence[PartInfo], topics: Sequence[Topic], custom: Map
     }
 
 
-def metadata_yaml(metadata: Mapping[str, Any]) -> str:
-    """The text of ``metadata.yaml``."""
-    return _yaml({ROOT: metadata})
+def write_metadata(directory: Path, metadata: Mapping[str, Any]) -> None:
+    """Writes ``metadata.yaml``, all of it or nothing; OSError where it cannot be written."""
+    whole = directory / METADATA_FILE
+    unfinished = whole.with_suffix(".tmp")
+    unfinished.write_text(_yaml({ROOT: metadata}))
+    unfinished.replace(whole)
 
 
 def metadata_record(metadata: Mapping[str, Any]) -> dict[str, str]:
@@ -116,13 +127,13 @@ def metadata_record(metadata: Mapping[str, Any]) -> dict[str, str]:
     return {"serialized_metadata": _yaml(metadata)}
 
 
-def _topic(topic: Topic) -> dict[str, Any]:
+def _topic(channel: Channel, type_name: str) -> dict[str, Any]:
     return {
-        "name": topic.channel.topic,
-        "type": topic.channel.type_name,
-        "serialization_format": "cdr",
-        "offered_qos_profiles": [qos_profile(topic.qos)],
-        "type_description_hash": topic.channel.metadata["topic_type_hash"],
+        "name": channel.topic,
+        "type": type_name,
+        "serialization_format": channel.message_encoding,
+        "offered_qos_profiles": _profiles(channel.metadata.get("offered_qos_profiles", "")),
+        "type_description_hash": channel.metadata.get("topic_type_hash", ""),
     }
 
 

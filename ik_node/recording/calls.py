@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from ik_node.clock import Instant
 from ik_node.controller import Controller
 from ik_node.messages.decode import decode_joint_state, decode_pose
+from ik_node.messages.decode_scene import MARKERS_TYPE, decode_obstacles
 from ik_node.messages.step_codec import CallKind
 from ik_node.settings import Settings
 from ik_node.step import Step
@@ -34,6 +35,7 @@ class Input(NamedTuple):
 
 JOINT_STATES = "joint_states"
 TARGET_POSE = "target_pose"
+OBSTACLES = "obstacles"
 
 INPUTS: Mapping[CallKind, Input] = {
     CallKind.ON_JOINT_STATE: Input(
@@ -42,10 +44,12 @@ INPUTS: Mapping[CallKind, Input] = {
     CallKind.ON_TARGET_POSE: Input(
         TARGET_POSE, "~/target_pose", "geometry_msgs/msg/PoseStamped", decode_pose, Controller.on_target_pose, True
     ),
+    CallKind.ON_OBSTACLES: Input(OBSTACLES, "~/obstacles", MARKERS_TYPE, decode_obstacles, Controller.on_obstacles),
 }
 """Calls that take a message."""
 
 TEXT_CALLS: Mapping[CallKind, Callable[[Controller, str, Instant], Step | None]] = {
+    CallKind.ON_LISTENERS: lambda controller, count, now: controller.on_listeners(int(count), now),
     CallKind.PAUSE: lambda controller, reason, now: controller.pause(now, reason),
 }
 """Calls that take a text."""

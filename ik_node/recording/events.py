@@ -14,6 +14,7 @@ from ik_node.messages.decode import decode_string
 from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import STEP_TYPE, Call, CallKind, StepDecoder, decode_call
 from ik_node.plain_json import from_json
+from ik_node.recording.bag_metadata import DROPPED, REPAIRED
 from ik_node.recording.calls import INPUTS, SETTINGS_CALLS, TEXT_CALLS
 from ik_node.recording.mcap_reader import RecordedMessage, Recording
 from ik_node.recording.session import (
@@ -121,7 +122,8 @@ class RecordedCalls:
     @property
     def lossy(self) -> bool:
         """True where the recording says, or shows, that it does not hold everything."""
-        return not self.recording.complete or self.recording.custom.get("dropped", "0") != "0"
+        custom = self.recording.custom
+        return not self.recording.complete or custom.get(DROPPED, "0") != "0" or REPAIRED in custom
 
     def settings(self, event: Event) -> Settings:
         """All settings after a call that changed them."""

@@ -7,13 +7,15 @@ thread that writes hardly ever stands in the way of the control loop. All other 
 
 from __future__ import annotations
 
+import fcntl
 import struct
 import zlib
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -101,6 +103,17 @@ class Content:
     start_ns: int = MAX_TIME_NS
     end_ns: int = 0
 
+    def add_chunk(self, index: ChunkIndex) -> None:
+        """Takes a chunk into account, but for its messages' counts."""
+        self.chunk_count += 1
+        self.chunk_index += _packed(index)
+        self.start_ns = min(self.start_ns, index.message_start_time)
+        self.end_ns = max(self.end_ns, index.message_end_time)
+
+    def schema_of(self, channel: Channel) -> str:
+        """Type of a channel's messages."""
+        return next((schema.name for schema in self.schemas if schema.id == channel.schema_id), "")
+
     @property
     def message_count(self) -> int:
         """Messages on all channels."""
@@ -117,17 +130,45 @@ class ChannelInfo(NamedTuple):
 
 
 class McapFile:
-    """A file being written; OSError from any method is the caller's to deal with."""
+    """A file being written; OSError from any method is the caller's to deal with.
 
-    def __init__(self, path: Path, library: str, compression: str) -> None:
-        """Creates ``path``, which must not exist; ``compression`` is a key of :data:`COMPRESSORS`."""
+    It is locked meanwhile, so that nobody repairs it.
+    """
+
+    def __init__(self, path: Path, mode: str, content: Content, size: int) -> None:
+        """See :meth:`create` and :meth:`resume`."""
         self.path = path
-        self.content = Content()
-        self._compression = "" if compression == "none" else compression
-        self._compress = COMPRESSORS[compression]
-        self._file = path.open("xb", buffering=0)
-        self.size = 0
-        self._put(MAGIC + _packed(Header(PROFILE, library)))
+        self.content = content
+        self.size = size
+        self._compression, self._compress = "", COMPRESSORS["none"]
+        self._file = cast(FileIO, path.open(mode, buffering=0))
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise
+        except OSError:  # a file system without locks
+            pass
+
+    @classmethod
+    def create(cls, path: Path, library: str, compression: str) -> McapFile:
+        """A new file; ``path`` must not exist. ``compression`` is a key of :data:`COMPRESSORS`."""
+        made = cls(path, "xb", Content(), 0)
+        made._compression = "" if compression == "none" else compression
+        made._compress = COMPRESSORS[compression]
+        made._put(MAGIC + _packed(Header(PROFILE, library)))
+        return made
+
+    @classmethod
+    def resume(cls, path: Path, content: Content, size: int) -> McapFile:
+        """Goes on with a file whose data section is whole up to ``size`` bytes and holds ``content``.
+
+        What stands behind is cut off. BlockingIOError when somebody is writing it.
+        """
+        found = cls(path, "r+b", content, size)
+        found._file.truncate(size)
+        found._file.seek(size)
+        return found
 
     def add_channel(self, info: ChannelInfo) -> None:
         """The channel's id is its running number, from 1."""
@@ -181,9 +222,7 @@ class McapFile:
         content = self.content
         for channel, entries in pending.index().items():
             content.counts[channel] += len(entries) // 2
-        content.start_ns, content.end_ns = min(content.start_ns, start_ns), max(content.end_ns, end_ns)
-        content.chunk_count += 1
-        content.chunk_index += _packed(
+        content.add_chunk(
             ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=begin,
@@ -196,6 +235,14 @@ class McapFile:
                 uncompressed_size=len(records),
             )
         )
+
+    def add_indexes(self, indexes: Mapping[int, array[int]]) -> dict[int, int]:
+        """Message indexes of the chunk that stands last; returns where they stand. For a file that is repaired."""
+        offsets = {}
+        for channel, entries in indexes.items():
+            offsets[channel] = self.size
+            self._put(_index_record(channel, entries))
+        return offsets
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """A metadata record."""

@@ -75,7 +75,7 @@ class Part:
                 """Has its footer; otherwise it was cut off."""
         except OSError as error:
             raise RecordingError(f"'{path}' cannot be read: {error.strerror}") from error
-        if begin != MAGIC:
+        if begin != MAGIC[: len(begin)]:
             raise RecordingError(f"'{path}' is no MCAP file")
         self.topics: dict[int, Topic] = {}
         """Channel -> topic, as far as the file was read."""
@@ -91,7 +91,7 @@ class Part:
         try:
             with self.path.open("rb") as stream:
                 for opcode, record in self._records(stream):
-                    yield from reading.messages(_unpacked(record[_record.size :]) if opcode == Opcode.CHUNK else record)
+                    yield from reading.messages(unpacked(record[_record.size :]) if opcode == Opcode.CHUNK else record)
         except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
             if self.complete:
                 raise RecordingError(f"'{self.path}' is damaged behind byte {self.readable_bytes}: {error}") from error
@@ -140,7 +140,7 @@ class Part:
         return self.path.stat().st_size - self.readable_bytes
 
 
-def _unpacked(content: bytes) -> bytes:
+def unpacked(content: bytes) -> bytes:
     """The records of a chunk; ValueError when they are damaged."""
     _, _, size, crc, name_length = _chunk.unpack_from(content)
     begin = _chunk.size + name_length
@@ -204,7 +204,7 @@ class Recording:
         """Raises RecordingError when there is no recording at ``path``."""
         self.path = path
         metadata = _read_metadata(path) if path.is_dir() else {}
-        self.parts = [Part(file) for file in _part_files(path, metadata)]
+        self.parts = [Part(file) for file in part_files(path, metadata)]
         self.custom: dict[str, str] = {key: str(value) for key, value in (metadata.get("custom_data") or {}).items()}
         """``custom_data`` of ``metadata.yaml``."""
         self.complete = bool(metadata or path.is_file()) and all(part.complete for part in self.parts)
@@ -240,10 +240,11 @@ def _read_metadata(directory: Path) -> dict[str, Any]:
     return dict(metadata)
 
 
-def _part_files(path: Path, metadata: Mapping[str, Any]) -> list[Path]:
+def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Path]:
+    """The files of a recording in their order; RecordingError when there is none."""
     if path.is_file():
         return [path]
-    names = metadata.get("relative_file_paths")
+    names = (metadata or {}).get("relative_file_paths")
     if isinstance(names, list):
         return [path / str(name) for name in names]
     found = [(match, file) for file in path.glob("*.mcap") if (match := _PART.search(file.name))]

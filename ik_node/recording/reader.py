@@ -22,6 +22,7 @@ from ik_node.messages.step_codec import (
     decode_texts,
     read_layout,
 )
+from ik_node.recording.bag_metadata import DROPPED
 from ik_node.recording.calls import TARGET_POSE
 from ik_node.recording.events import find_node, read_setup
 from ik_node.recording.mcap_reader import RecordedMessage, Recording
@@ -92,7 +93,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
         status=status,
         statuses=_changes(clock.now_ns, status, clock.start.monotonic_ns),
         targets=_targets(messages, clock),
-        dropped=int(recording.custom.get("dropped", "0")),
+        dropped=int(recording.custom.get(DROPPED, "0")),
         complete=recording.complete,
         **arrays,
     )

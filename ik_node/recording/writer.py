@@ -21,17 +21,16 @@ from rosbags.typesys import TypesysError
 from ik_node.clock import NS
 from ik_node.errors import RecordingError
 from ik_node.recording.bag_metadata import (
-    METADATA_FILE,
+    DROPPED,
     RECORD_NAME,
     PartInfo,
     Qos,
-    Topic,
     bag_metadata,
     describe_topic,
     metadata_record,
-    metadata_yaml,
+    write_metadata,
 )
-from ik_node.recording.mcap_file import McapFile, PendingChunk
+from ik_node.recording.mcap_file import ChannelInfo, McapFile, PendingChunk
 
 LIBRARY = "ik_node"
 MEGABYTE = 1_000_000
@@ -66,7 +65,7 @@ class _Latched(NamedTuple):
 class _Batch:
     """What the thread takes at once: new topics, then messages."""
 
-    topics: list[Topic] = field(default_factory=list)
+    topics: list[ChannelInfo] = field(default_factory=list)
     chunk: PendingChunk = field(default_factory=PendingChunk)
     data_size: int = 0
     begins_part: bool = False
@@ -87,8 +86,8 @@ class Recorder:
         self.directory = directory
         self.options = options or RecorderOptions()
         self._custom = dict(custom or {})
-        self._topics: list[Topic] = []
-        self._known: list[Topic] = []
+        self._topics: list[ChannelInfo] = []
+        self._known: list[ChannelInfo] = []
         self._latching: set[int] = set()
         self._latched: dict[int, _Latched] = {}
         self._lock = threading.Lock()
@@ -234,15 +233,15 @@ class Recorder:
                 self._file.add_chunk(_repeated(batch.latched, batch.chunk.span()[0]))
         for topic in batch.topics:
             self._known.append(topic)
-            self._file.add_channel(topic.channel)
+            self._file.add_channel(topic)
         self._file.add_chunk(batch.chunk)
 
     def _open_part(self) -> McapFile:
         name = f"{self.directory.name}_{len(self._parts)}.mcap"
-        part = McapFile(self.directory / name, LIBRARY, self.options.compression)
-        part.add_metadata(RECORD_NAME, metadata_record(self._metadata([PartInfo(name, part.content)])))
+        part = McapFile.create(self.directory / name, LIBRARY, self.options.compression)
         for topic in self._known:
-            part.add_channel(topic.channel)
+            part.add_channel(topic)
+        part.add_metadata(RECORD_NAME, metadata_record(self._metadata([PartInfo(name, part.content)])))
         return part
 
     def _finish_part(self) -> None:
@@ -252,13 +251,10 @@ class Recorder:
         self._parts.append(part)
 
     def _write_metadata(self) -> None:
-        whole = self.directory / METADATA_FILE
-        unfinished = whole.with_suffix(".tmp")
-        unfinished.write_text(metadata_yaml(self._metadata(self._parts)))
-        unfinished.replace(whole)
+        write_metadata(self.directory, self._metadata(self._parts))
 
     def _metadata(self, parts: list[PartInfo]) -> dict[str, object]:
-        return bag_metadata(parts, self._known, {**self._custom, "dropped": str(self._dropped)})
+        return bag_metadata(parts, {**self._custom, DROPPED: str(self._dropped)})
 
     def _give_up(self, reason: str) -> None:
         """Ends the recording as whole as the disk still lets it."""

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ik_node.clock import NS, Instant
-from ik_node.step import Level, Status
+from ik_node.step import Level, Mode, Status
 
 RELEASE_S = 0.25
 """A condition is still mentioned this long after it last held, so that one that flickers does not flood the topic."""
+
+
+CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
+"""Modes in which a control law is at work."""
 
 
 class StatusMemory(NamedTuple):
@@ -43,8 +47,12 @@ class StatusKeeper:
             del self._until[over]
 
     def set(self, base: Status) -> None:
-        """States the mode and its reason; conditions and remark are added, and make it a warning."""
-        remarks = [*self._until, *self._notes.values()]
+        """States the mode and its reason; what is added to it makes it a warning.
+
+        Remarks always are, conditions only while a control law is at work: a stopped arm is not slowed down.
+        """
+        passing = self._until if base.mode in CLOSED_LOOP else ()
+        remarks = [*passing, *self._notes.values()]
         if remarks:
             level = base.level if base.level is Level.ERROR else Level.WARN
             self.status = Status(level, base.mode, "; ".join((base.reason, *remarks)))

@@ -9,10 +9,10 @@ import numpy as np
 from ik_node.braking import Ramp, ramp_to_zero
 from ik_node.clock import Instant
 from ik_node.se3 import Array
-from ik_node.status import StatusKeeper
+from ik_node.status import CLOSED_LOOP, StatusKeeper
 from ik_node.step import Level, Mode, Status
 
-MOVING = (Mode.HOLDING, Mode.TRACKING, Mode.RAMPING)
+MOVING = (*CLOSED_LOOP, Mode.RAMPING)
 """Modes in which a velocity may be standing at the robot."""
 
 
@@ -48,7 +48,7 @@ class Supervision:
     @property
     def closed_loop(self) -> bool:
         """A control law is at work."""
-        return self.mode in (Mode.HOLDING, Mode.TRACKING)
+        return self.mode in CLOSED_LOOP
 
     @property
     def held_back(self) -> bool:

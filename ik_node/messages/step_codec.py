@@ -67,6 +67,8 @@ class CallKind(IntEnum):
     RESUME = 5
     RESET = 6
     APPLY = 7
+    ON_OBSTACLES = 8
+    ON_LISTENERS = 9
 
 
 class Call(NamedTuple):

@@ -42,6 +42,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._controller: Controller | None = None
         self._recorder = NodeRecorder(self)
         self._active = False
+        self._listeners = 1
         self._inputs: list[Any] = []
         self._publisher = StepPublisher(self)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
@@ -181,6 +182,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def _on_watchdog(self) -> None:
         if self._controller is not None and self._active:
             now = self._now()
+            if self._publisher.listeners != self._listeners:
+                self._listeners = self._publisher.listeners
+                self._controller.on_listeners(self._listeners, now)
+                self._recorder.called(CallKind.ON_LISTENERS, now, text=str(self._listeners))
             self._send(self._controller.on_clock(now), CallKind.ON_CLOCK, now)
 
     def _on_second(self) -> None:

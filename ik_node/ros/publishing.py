@@ -57,6 +57,11 @@ class StepPublisher:
         self._method = settings.control.method
         self._joint_count = robot.n
 
+    @property
+    def listeners(self) -> int:
+        """How many listen to the commands."""
+        return int(self._publishers[encode.COMMANDS].get_subscription_count())
+
     def step(self, step: Step) -> list[Outgoing]:
         """Publishes a step; returns what was sent, the command first."""
         if self._outputs is None:

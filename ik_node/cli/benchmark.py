@@ -11,6 +11,7 @@ from ik_node.errors import IkNodeError
 
 PARTS = {
     "ik": ("ik_node.benchmark.ik", "inverse kinematics: random poses solved, time, published tables beside it"),
+    "streams": ("ik_node.benchmark.streams", "streamed poses followed in process, beside P control and other rivals"),
 }
 """Name -> module with a ``main(arguments) -> int``, and what it measures."""
 

@@ -6,7 +6,7 @@ through the stamps, so exact for a stream without jitter) says when the sample s
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from statistics import median_low
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from ik_node.clock import NS
 
 UNKNOWN_PERIOD_S = 0.05
 """Sample period that is assumed until two samples have come."""
-INTERVALS = 11
+INTERVALS = 15
 """Intervals between samples from which the period is taken."""
 MEMORY = 0.9
 """Weight of the past in the phase-locked estimate, per sample."""
@@ -24,8 +24,10 @@ MOST_MISSED = 4
 """After more lost samples than this the rhythm is learnt anew."""
 LARGEST_RESIDUAL = 0.6
 """A sample further than this part of a period from where the rhythm puts it starts a new rhythm."""
-LARGEST_DISAGREEMENT = 0.1
+LARGEST_DISAGREEMENT = 0.15
 """Between the phase-locked period and the mean interval, as part of the period."""
+CLEARLY_BETTER = 0.7
+"""Part of the squared misfit of steps that another count of them must not exceed."""
 LARGEST_DELAY = 0.25
 """Mean delay, in periods, that is believed at most."""
 
@@ -38,7 +40,7 @@ class Cadence(NamedTuple):
     intervals: tuple[int, ...] = ()
     """Between the newest samples [ns]."""
     period_s: float = UNKNOWN_PERIOD_S
-    """Mean of the intervals, without outliers."""
+    """Mean interval, lost samples counted."""
     age: int = 0
     """Samples since the rhythm began; 0 before the first."""
     locked_period_s: float = 0.0
@@ -63,12 +65,12 @@ def followed(cadence: Cadence, time_ns: int) -> Cadence:
     """The rhythm with one more sample, later than the newest."""
     interval = time_ns - cadence.time_ns
     intervals = (*cadence.intervals[1 - INTERVALS :], interval)
-    period_s = _period(intervals)
-    known = cadence._replace(intervals=intervals, period_s=period_s)
+    mean_s = _period(intervals, cadence.period_s * NS)
     # until the line is long its slope is worse than the mean interval; later it must agree, else it has lost steps
     locked_s = cadence.locked_period_s
-    if cadence.age < INTERVALS or abs(locked_s - period_s) > LARGEST_DISAGREEMENT * period_s:
-        locked_s = period_s
+    if cadence.age < INTERVALS or abs(locked_s - mean_s) > LARGEST_DISAGREEMENT * mean_s:
+        locked_s = mean_s
+    known = cadence._replace(intervals=intervals, period_s=locked_s)
     since_s = interval / NS - cadence.offset_s
     steps = max(1, round(since_s / locked_s))
     residual_s = since_s - steps * locked_s
@@ -87,7 +89,24 @@ def followed(cadence: Cadence, time_ns: int) -> Cadence:
     )
 
 
-def _period(intervals: tuple[int, ...]) -> float:
-    middle = median_low(intervals)
-    kept = [i for i in intervals if 0.5 * middle <= i <= 1.5 * middle]
-    return sum(kept) / (len(kept) * NS)
+def _period(intervals: tuple[int, ...], known: float) -> float:
+    """Time over steps [s]: the jitter of all samples but the first and last cancels.
+
+    Steps are counted with the median, which is itself off by part of the jitter; the period ``known`` [ns] counts
+    them if they then fit clearly better.
+    """
+    period, misfit = _counted(intervals, float(median_low(intervals)))
+    other, other_misfit = _counted(intervals, known)
+    return (other if other_misfit < CLEARLY_BETTER * misfit else period) / NS
+
+
+def _counted(intervals: tuple[int, ...], guess: float) -> tuple[float, float]:
+    """Period [ns] when steps are counted with ``guess``, and the mean squared misfit in steps."""
+    period = guess
+    for _ in range(2):
+        counted = [(interval, max(1, round(interval / period))) for interval in intervals]
+        near = [(interval, steps) for interval, steps in counted if steps <= MOST_MISSED]
+        if not near:
+            return guess, inf
+        period = sum(interval for interval, _ in near) / sum(steps for _, steps in near)
+    return period, sum((interval / period - steps) ** 2 for interval, steps in near) / len(near)

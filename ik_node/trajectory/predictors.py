@@ -57,13 +57,13 @@ _FADE = np.array([fade for _, fade in PREDICTORS] * 2)
 _MOVING = (_DEGREE[:_N] > 0) / np.count_nonzero(_DEGREE[:_N])
 
 
-def _variance_ratio(degree: int, fade: float) -> float:
+def variance_ratio(degree: int, fade: float) -> float:
     """Variance of a prediction one period ahead, per variance of the samples (Morrison 1969)."""
     series = ((1.0,), (5.0, 4.0, 1.0), (19.0, 24.0, 16.0, 6.0, 1.0))[degree]
     return (1.0 - fade) / (1.0 + fade) ** (2 * degree + 1) * sum(c * fade**i for i, c in enumerate(series))
 
 
-_PART_OF_TARGET = np.array([1.0 - 1.0 / (1.0 + _variance_ratio(*predictor)) for predictor in PREDICTORS])
+_PART_OF_TARGET = np.array([1.0 - 1.0 / (1.0 + variance_ratio(*predictor)) for predictor in PREDICTORS])
 
 
 class Polynomials(NamedTuple):
@@ -97,7 +97,10 @@ class Bank(NamedTuple):
     """(2 N, 2): as ``errors``, over a longer time."""
     long_steps: Array
     """(2,): the same of the way between scored samples."""
-    long_weight: float
+    long_weight: Array
+    """(2,): the same of 1 while the target moves, of less while it rests."""
+    long_count: int
+    """Scored samples that these hold."""
     regular: bool
     """The regular times are in use."""
 
@@ -107,11 +110,12 @@ class Bank(NamedTuple):
 
         The noise of the samples that the predictions are compared with is taken off, as if all error were noise.
         """
-        if self.long_weight < LEARNING:
+        if self.long_count < LEARNING:
             return (0.0, 0.0)
         errors = self.long_errors[self._used]
         best = errors.argmin(axis=0)
-        of_target = errors[best, (0, 1)] * _PART_OF_TARGET[best] / (self.long_steps + self.long_weight * SMALL_STEP)
+        way = self.long_steps + (1.0 + self.long_weight) * SMALL_STEP
+        of_target = errors[best, (0, 1)] * _PART_OF_TARGET[best] / way
         position, orientation = np.sqrt(of_target).tolist()
         return (position, orientation)
 
@@ -157,7 +161,7 @@ def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regul
     now = Polynomials(value, zero, zero, position, orientation, (0.0, 0.0))
     if earlier is None:
         errors = np.zeros((2 * _N, 2))
-        return Bank(now, now, 1, errors, 0.0, errors, np.zeros(2), 0.0, regular)
+        return Bank(now, now, 1, errors, 0.0, errors, np.zeros(2), np.zeros(2), 0, regular)
     return earlier._replace(now=now, scored=now, known=1)
 
 
@@ -196,6 +200,7 @@ def _gains(dt: Array, horizon_s: float, n: int) -> tuple[Array, Array, Array]:
     line, parabola = n > 1, n > 2  # what n samples can determine
     fade = _FADE ** (dt / horizon_s)
     rest = 1.0 - fade
+    ones = np.ones_like(fade)
     pairs = n * (n + 1.0)
     triples = pairs * (n + 2.0)
     g = np.choose(
@@ -203,7 +208,7 @@ def _gains(dt: Array, horizon_s: float, n: int) -> tuple[Array, Array, Array]:
         (
             np.maximum(rest, 1.0 / n),
             np.maximum(1.0 - fade**2, (4.0 * n - 2.0) / pairs),
-            np.maximum(1.0 - fade**3, (9.0 * n * n - 9.0 * n + 6.0) / triples if parabola else 1.0),
+            np.maximum(1.0 - fade**3, (9.0 * n * n - 9.0 * n + 6.0) / triples) if parabola else ones,
         ),
     )
     h = np.choose(
@@ -211,7 +216,7 @@ def _gains(dt: Array, horizon_s: float, n: int) -> tuple[Array, Array, Array]:
         (
             0.0 * rest,
             np.maximum(rest**2, 6.0 / pairs),
-            np.maximum(1.5 * rest**2 * (1.0 + fade), (36.0 * n - 18.0) / triples if parabola else 1.0),
+            np.maximum(1.5 * rest**2 * (1.0 + fade), (36.0 * n - 18.0) / triples) if parabola else ones,
         ),
     )
     k = np.where(_DEGREE == 2, np.maximum(rest**3, 60.0 / triples) if parabola else 0.0, 0.0)
@@ -233,8 +238,11 @@ def _scored(bank: Bank) -> Bank:
     bank = bank._replace(scored=now, errors=errors, weight=weight, regular=bank.regular != changes)
     if bank.known <= LEARNING:
         return bank
+    moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
+    kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving
     return bank._replace(
-        long_errors=LATENCY_MEMORY * bank.long_errors + squared,
-        long_steps=LATENCY_MEMORY * bank.long_steps + step,
-        long_weight=LATENCY_MEMORY * bank.long_weight + 1.0,
+        long_errors=kept * bank.long_errors + squared,
+        long_steps=kept * bank.long_steps + step,
+        long_weight=kept * bank.long_weight + moving,
+        long_count=bank.long_count + 1,
     )

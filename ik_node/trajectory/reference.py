@@ -8,9 +8,9 @@ acceleration is continuous whatever the goal does. The jerk comes from a cascade
     acceleration wanted  a_w = sat(a_goal + omega (v_w - v))
     jerk                 j   = sat(3 omega (a_w - a))
 
-where e is the error of the pose and each level is cut at its own bound (the cascade form of the filters of Zanasi,
-Guarino Lo Bianco and Tonielli, "Nonlinear filters for the generation of smooth trajectories", Automatica 36, 2000;
-here with exact feed-forward and vectors cut by length, so that an approach from rest runs along a straight line).
+where e is the error of the pose and each level is cut at its own bound: a smooth relative of the nonlinear filters of
+Zanasi, Guarino Lo Bianco and Tonielli ("Nonlinear filters for the generation of smooth trajectories", Automatica 36,
+2000). Vectors are cut by length, so that an approach from rest runs along a straight line.
 Without cuts the error obeys e''' + 3 omega e'' + 3 omega^2 e' + omega^3 e = goal's jerk: goals of constant
 acceleration are followed without error.
 """

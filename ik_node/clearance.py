@@ -49,8 +49,8 @@ class Closest(NamedTuple):
 
     distance: float
     """m; inf where there is nothing to be near to."""
-    names: tuple[str, str]
-    """Link, and link or obstacle; empty where there is none."""
+    names: tuple[str, ...]
+    """Link, and link or obstacle; none where there is nothing to be near to."""
     points_s: Array
     """Nearest points on the first and on the second, in the base frame, (2, 3)."""
 
@@ -264,7 +264,7 @@ def _nothing(n: int) -> Near:
     return Near((), np.zeros(0), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 
 
-_NOWHERE = Closest(float("inf"), ("", ""), np.full((2, 3), np.nan))
+_NOWHERE = Closest(float("inf"), (), np.full((2, 3), np.nan))
 
 
 def solid(wanted: Shape) -> Any:

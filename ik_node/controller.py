@@ -189,6 +189,7 @@ class Controller:
             remembered(self._ik, IkMemory),
             self._stream.state(),
             self._follow.memory(),
+            self._solver.lookout.scene,
         )
 
     def restore(self, state: ControllerState) -> None:
@@ -200,6 +201,7 @@ class Controller:
         recall(self._ik, state.ik_difference)
         self._stream.restore(state.stream)
         self._follow.recall(state.follow)
+        self._solver.lookout.scene = state.scene
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 
@@ -289,7 +291,9 @@ class Controller:
             multiplier_potential=outcome.multiplier_potential,
             singular_values=outcome.singular_values,
             binding=outcome.binding,
-            clearance=float("nan") if outcome.closest is None else outcome.closest.distance,
+            clearance=outcome.closest.distance,
+            closest_points=outcome.closest.points_s,
+            closest_pair=outcome.closest.names,
             status=self.status,
         )
 
@@ -385,5 +389,7 @@ class Controller:
             singular_values=np.full(min(6, self.robot.n), np.nan),
             binding=(),
             clearance=float("nan"),
+            closest_points=np.full((2, 3), np.nan),
+            closest_pair=(),
             status=self.status,
         )

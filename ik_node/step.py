@@ -83,5 +83,9 @@ class Step(NamedTuple):
     binding: tuple[str, ...]
     """Names of the limits that bound, e.g. ``velocity panda_joint4``."""
     clearance: float
-    """Distance to the nearest obstacle or self-collision, m; NaN when not computed."""
+    """Distance of the nearest pair of links, or of link and obstacle, m; NaN when not computed."""
+    closest_points: Array
+    """Where that distance is, in the base frame, (2, 3), m; NaN when not computed."""
+    closest_pair: tuple[str, ...]
+    """Names of the two; none when not computed."""
     status: Status

@@ -16,6 +16,9 @@ from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.surroundings import Closest, Lookout, Surroundings
 
+NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
+"""Where nothing is watched."""
+
 
 class Moment(NamedTuple):
     """Where the arm is and what stands at its motors."""
@@ -49,8 +52,8 @@ class Outcome(NamedTuple):
     """Limits and dampers that bound."""
     conceded: tuple[str, ...]
     """Limits and dampers that gave way to stronger ones."""
-    closest: Closest | None
-    """The nearest pair of links, or link and obstacle; None where nothing is watched."""
+    closest: Closest
+    """The nearest pair of links, or link and obstacle."""
 
 
 class TickSolver:
@@ -138,7 +141,7 @@ class TickSolver:
             np.linalg.svd(jacobian, compute_uv=False),
             answer.binding(bounds, self._robot.joints, dampers),
             self._conceded(bounds, answer, seen),
-            None if seen is None else seen.closest,
+            NOTHING_SEEN if seen is None else seen.closest,
         )
 
     def _surroundings(self, moment: Moment, repel: bool) -> tuple[JointBounds, Surroundings | None]:
@@ -180,7 +183,7 @@ class TickSolver:
             wanted.singular_values,
             () if answer is None else answer.binding(bounds, self._robot.joints, dampers),
             self._conceded(bounds, answer, seen),
-            None if seen is None else seen.closest,
+            NOTHING_SEEN if seen is None else seen.closest,
         )
 
     def _conceded(

@@ -121,7 +121,7 @@ def test_the_readme_lists_every_parameter_with_its_default() -> None:
     readme = (PROJECT / "README.md").read_text()
     for about in describe():
         default = about.default
-        said = ", ".join(f"{x:g}" for x in default) if isinstance(default, tuple) else default  # type: ignore[str-format]
+        said = ", ".join(f"{x:g}" for x in default) if isinstance(default, tuple) else default
         said = f"{default:g}" if isinstance(default, float) else said
         row = f"| `{about.name}` | {str(said).lower() if isinstance(default, bool) else said or '-'} |"
         assert row in readme, f"README has no row that begins: {row}"

@@ -103,12 +103,12 @@ def test_a_bad_target_is_refused_and_the_next_good_one_taken(peer: Peer, tmp_pat
     goal[0, 3] += 0.03
     not_finite = goal.copy()
     not_finite[1, 3] = np.nan
-    for send, words in (
-        (lambda: peer.send_target(not_finite, "panda_link0"), "not finite"),
-        (lambda: peer.send_target(goal, "panda_link0", scale_quaternion=0.0), "norm 0"),
-        (lambda: peer.send_target(goal, "kitchen"), "unknown frame 'kitchen'"),
+    for pose, frame, scale, words in (
+        (not_finite, "panda_link0", 1.0, "not finite"),
+        (goal, "panda_link0", 0.0, "norm 0"),
+        (goal, "kitchen", 1.0, "unknown frame 'kitchen'"),
     ):
-        send()
+        peer.send_target(pose, frame, scale)
         peer.until(words, lambda words=words: words in peer.reason, each=arm)  # type: ignore[misc]
         assert np.abs(peer.commands[-1]).max() < 1e-6, "it goes on holding"
 

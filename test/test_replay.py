@@ -175,7 +175,7 @@ def changed(recorded: RecordedCalls, number: int, **fields: Any) -> None:
 
 
 def test_what_parts_is_named_with_its_tick_and_input(tmp_path: Path) -> None:
-    """One measured joint position, one unit of its last place away: found where it enters."""
+    """One measured joint position, a picoradian away: found where it enters."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0})
     follow(loop)
     finish(loop)
@@ -185,7 +185,7 @@ def test_what_parts_is_named_with_its_tick_and_input(tmp_path: Path) -> None:
     data = bytearray(event.data)
     sample = decode_joint_state(event.data)
     place = event.data.index(sample.position.tobytes())
-    data[place : place + 8] = np.nextafter(sample.position[:1], np.inf).tobytes()
+    data[place : place + 8] = (sample.position[:1] + 1e-12).tobytes()
     recorded = RecordedCalls(tmp_path / "bag")
     changed(recorded, event.number, data=bytes(data))
     found = replay(recorded)
@@ -193,7 +193,7 @@ def test_what_parts_is_named_with_its_tick_and_input(tmp_path: Path) -> None:
     assert not found.holds
     assert (found.first.tick, found.first.field) == (tick, "joint_position")
     assert found.first.source == f"on_joint_state, message {event.call.sequence} of joint_states"
-    assert 0.0 < found.first.size < 1e-15
+    assert 0.0 < found.first.size < 1e-11
     assert 0.0 < found.largest["joint_velocity"] < 1e-9
     assert found.within_tolerance
 

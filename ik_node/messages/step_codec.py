@@ -5,10 +5,11 @@ Three channels of a recording, all of standard types:
 ``step`` (std_msgs/Float64MultiArray): one per tick. ``layout.dim`` names the slices of ``data`` one after the other
 (label, and size in numbers); labels are the fields of :class:`ik_node.step.Step`. A time is two numbers, whole seconds
 and the nanoseconds beyond them, since one float64 does not hold the nanoseconds of an epoch; poses are row by row.
-Status and names of binding limits are text: the slice ``texts`` holds the number of the text record that applies.
+Status, names of binding limits and of the closest pair are text: the slice ``texts`` holds the number of the text record
+that applies.
 
 ``step/texts`` (diagnostic_msgs/DiagnosticStatus): written before the first step it applies to. Level, message = reason,
-and the values ``number``, ``mode`` and one ``binding`` per limit that bound.
+and the values ``number``, ``mode``, one ``binding`` per limit that bound, and ``closest`` for each of the pair.
 
 ``calls`` (std_msgs/Int64MultiArray): every call of the controller, in order: kind, sequence of the input message on its
 topic (-1 where there is none), monotonic ns, ROS ns.
@@ -53,6 +54,7 @@ ARRAYS = (
     "multiplier_task",
     "multiplier_potential",
     "singular_values",
+    "closest_points",
 )
 """Fields of a Step that are arrays, in the order in which they stand in a message."""
 
@@ -97,8 +99,10 @@ class StepEncoder:
         self._template = _step_template(n)
         self._size = 8 * _array_size(n)
         self._number = -1
-        self._last: tuple[Status, tuple[str, ...]] | None = None
-        encode_texts(name, 0, Status(Level.OK, Mode.WAITING, ""), ())  # compiles the serialiser before the first tick
+        self._last: Words | None = None
+        encode_texts(
+            name, 0, Words(Status(Level.OK, Mode.WAITING, ""), (), ())
+        )  # compiles the serialiser before the first tick
 
     def repeat_texts(self) -> None:
         """The last text record was lost: the next Step brings its own."""
@@ -106,12 +110,12 @@ class StepEncoder:
 
     def encode(self, step: Step) -> StepMessages:
         """The messages of ``step``."""
-        texts, number = None, self._number
-        if (step.status, step.binding) != self._last:
+        texts, number, words = None, self._number, words_of(step)
+        if words != self._last:
             number += 1
-            texts = encode_texts(self._name, number, step.status, step.binding)
+            texts = encode_texts(self._name, number, words)
         numbers = self.numbers(step, number)
-        self._last, self._number = (step.status, step.binding), number
+        self._last, self._number = words, number
         return StepMessages(texts, numbers)
 
     def numbers(self, step: Step, text_number: int) -> bytes:
@@ -129,6 +133,7 @@ class StepEncoder:
                 step.multiplier_task.tobytes(),
                 step.multiplier_potential.tobytes(),
                 step.singular_values.tobytes(),
+                step.closest_points.tobytes(),
                 struct.pack("<2d", step.scale, step.clearance),
             )
         )
@@ -145,12 +150,24 @@ class StepEncoder:
         return self._template.fill(0, head + arrays)
 
 
+class Words(NamedTuple):
+    """What of a Step is text."""
+
+    status: Status
+    binding: tuple[str, ...]
+    closest_pair: tuple[str, ...]
+
+
+def words_of(step: Step) -> Words:
+    """The texts of a Step."""
+    return Words(step.status, step.binding, step.closest_pair)
+
+
 class Texts(NamedTuple):
     """A text record."""
 
     number: int
-    status: Status
-    binding: tuple[str, ...]
+    words: Words
 
 
 class StepDecoder:
@@ -190,13 +207,13 @@ class StepDecoder:
         part = {label: numbers[place] for label, place in self._slices.items()}
         fields: dict[str, Any] = {name: part[name].copy() for name in ARRAYS}
         fields.update({name: fields[name].reshape(4, 4) for name in POSES})
+        fields["closest_points"] = fields["closest_points"].reshape(2, 3)
         fields.update({name: float(part[name][0]) for name in NUMBERS})
         return Step(
             tick=int(part["tick"][0]),
             now=Instant(_time(part["now_monotonic"]), _time(part["now_ros"])),
             state_time_ns=_time(part["state_time"]),
-            binding=texts.binding,
-            status=texts.status,
+            **texts.words._asdict(),
             **fields,
         )
 
@@ -217,9 +234,12 @@ def read_layout(data: bytes) -> tuple[bytes, dict[str, slice]]:
     return data[: len(data) - 8 * begin], slices
 
 
-def encode_texts(name: str, number: int, status: Status, binding: tuple[str, ...]) -> bytes:
+def encode_texts(name: str, number: int, words: Words) -> bytes:
     """The message of one text record."""
-    pairs = [("number", str(number)), ("mode", status.mode.value), *(("binding", limit) for limit in binding)]
+    status = words.status
+    pairs = [("number", str(number)), ("mode", status.mode.value)]
+    pairs += [("binding", limit) for limit in words.binding]
+    pairs += [("closest", part) for part in words.closest_pair]
     message = make(
         TEXTS_TYPE,
         level=status.level.value,
@@ -238,7 +258,8 @@ def decode_texts(data: bytes) -> Texts:
     single = dict(values)
     try:
         status = Status(Level(int(message.level)), Mode(single["mode"]), str(message.message))
-        return Texts(int(single["number"]), status, tuple(value for key, value in values if key == "binding"))
+        binding, closest = (tuple(value for key, value in values if key == wanted) for wanted in ("binding", "closest"))
+        return Texts(int(single["number"]), Words(status, binding, closest))
     except (KeyError, ValueError) as error:
         raise RecordingError(f"text record of a Step cannot be read: {error}") from error
 

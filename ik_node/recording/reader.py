@@ -18,6 +18,7 @@ from ik_node.messages.step_codec import (
     Call,
     CallKind,
     Texts,
+    Words,
     decode_call,
     decode_texts,
     read_layout,
@@ -65,12 +66,14 @@ def load_run(path: str | Path, node: str = "") -> Run:
         raise RecordingError(f"'{path}' holds no tick of node '{name}'")
     columns = _columns(messages.steps)
     clock = _Clock(columns)
-    status, binding = _said(columns["texts"][:, 0], messages.texts)
+    words = _said(columns["texts"][:, 0], messages.texts)
+    status = tuple(word.status for word in words)
     limits = messages.setup["limits"]
     first, *changes = [(message, decode_parameters(message.data)) for message in _once(messages.parameters)]
     arrays: dict[str, Any] = {label: values for label, values in columns.items() if label not in _NAMES}
     arrays.update({label: arrays[label].reshape(-1, 4, 4) for label in POSES})
     arrays.update({label: arrays[label][:, 0] for label in NUMBERS})
+    arrays["closest_points"] = arrays["closest_points"].reshape(-1, 2, 3)
     return Run(
         robot=str(messages.setup["robot"]),
         urdf=messages.urdf,
@@ -89,7 +92,8 @@ def load_run(path: str | Path, node: str = "") -> Run:
         state_times_s=(clock.state_ns - clock.start.monotonic_ns) / NS,
         state_ros_ns=clock.ros_ns - (clock.now_ns - clock.state_ns),
         q=arrays.pop("joint_position"),
-        binding=binding,
+        binding=tuple(word.binding for word in words),
+        closest_pair=tuple(word.closest_pair for word in words),
         status=status,
         statuses=_changes(clock.now_ns, status, clock.start.monotonic_ns),
         targets=_targets(messages, clock),
@@ -161,14 +165,14 @@ def _nanoseconds(parts: Array) -> NDArray[np.int64]:
     return parts[:, 0].astype(np.int64) * NS + parts[:, 1].astype(np.int64)
 
 
-def _said(numbers: Array, texts: list[Texts]) -> tuple[tuple[Any, ...], tuple[tuple[str, ...], ...]]:
-    """Status and names of binding limits per tick."""
+def _said(numbers: Array, texts: list[Texts]) -> tuple[Words, ...]:
+    """The texts per tick."""
     known = {text.number: text for text in texts}
     wanted = numbers.astype(np.int64).tolist()
     missing = sorted(set(wanted) - set(known))
     if missing:
         raise RecordingError(f"the recording lost the texts {missing[:5]} of its ticks")
-    return tuple(known[number].status for number in wanted), tuple(known[number].binding for number in wanted)
+    return tuple(known[number].words for number in wanted)
 
 
 def _changes(now_ns: NDArray[np.int64], status: tuple[Any, ...], start_ns: int) -> tuple[StatusChange, ...]:

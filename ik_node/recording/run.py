@@ -97,7 +97,11 @@ class Run(NamedTuple):
     singular_values: Array
     """Descending, (k, min(6, n)), m."""
     clearance: Array
-    """(k,), m."""
+    """Distance of the closest pair, (k,), m."""
+    closest_points: Array
+    """Where that is, in the base frame, (k, 2, 3), m."""
+    closest_pair: tuple[tuple[str, ...], ...]
+    """Its names, per tick."""
     binding: tuple[tuple[str, ...], ...]
     """Names of the limits that bound, per tick."""
     status: tuple[Status, ...]

@@ -16,7 +16,7 @@ from ik_node.clock import NS
 from ik_node.controller import Controller
 from ik_node.errors import IkNodeError, RecordingError
 from ik_node.messages.decode import decode_string
-from ik_node.messages.step_codec import Call, StepEncoder
+from ik_node.messages.step_codec import Call, StepEncoder, words_of
 from ik_node.plain_json import to_json
 from ik_node.recording.calls import BARE_CALLS, INPUTS, SETTINGS_CALLS, TEXT_CALLS
 from ik_node.recording.environment import differences
@@ -162,7 +162,7 @@ class _Replay:
             return
         self._found.ticks += 1
         texts = self._recorded.steps.texts_of(event.step)
-        same_texts = texts.status == step.status and texts.binding == step.binding
+        same_texts = texts.words == words_of(step)
         if not same_texts or event.step != self._encoder.numbers(step, texts.number):
             self._part(event, self._recorded.steps.step(event.step), step)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ik_node.control_law import IkMemory
 from ik_node.following import FollowMemory
 from ik_node.joint_states import JointState, MergerMemory
+from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.status import StatusMemory
 from ik_node.supervision import SupervisionMemory
@@ -42,3 +43,4 @@ class ControllerState(NamedTuple):
     ik_difference: IkMemory
     stream: StreamState
     follow: FollowMemory
+    scene: Scene

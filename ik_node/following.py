@@ -6,6 +6,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ik_node.clock import NS
 from ik_node.robot import Robot
@@ -31,7 +32,12 @@ class Moment(NamedTuple):
 class FollowMemory(NamedTuple):
     """What a :class:`FollowMonitor` remembers."""
 
-    moments: tuple[Moment, ...]
+    times_ns: NDArray[np.int64]
+    """(k,), of its moments."""
+    positions: Array
+    """(k, n)."""
+    told: Array
+    """(k, n)."""
 
 
 class FollowMonitor:
@@ -49,11 +55,17 @@ class FollowMonitor:
 
     def memory(self) -> FollowMemory:
         """For :meth:`recall`."""
-        return FollowMemory(tuple(self._moments))
+        rows, nothing = self._moments, np.zeros(0)
+        return FollowMemory(
+            np.array([row.time_ns for row in rows], dtype=np.int64),
+            np.concatenate([nothing, *(row.position for row in rows)]).reshape(-1, self._robot.n),
+            np.concatenate([nothing, *(row.told for row in rows)]).reshape(-1, self._robot.n),
+        )
 
     def recall(self, memory: FollowMemory) -> None:
         """Goes on, bit for bit, from ``memory``."""
-        self._moments = deque(memory.moments)
+        rows = zip(memory.times_ns.tolist(), memory.positions.copy(), memory.told.copy(), strict=True)
+        self._moments = deque(Moment(*row) for row in rows)
 
     def forget(self) -> None:
         """The arm begins anew: what was told before does not count."""

@@ -69,9 +69,10 @@ class TargetsState(NamedTuple):
 class Targets:
     """Every input's targets in, one motion out. All times are monotonic nanoseconds; one thread."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
+        """``robot``: so that paths without times get some that its joints can keep."""
         self._stream = StreamedPoses(settings.target)
-        self._path = PathFollower(settings.path)
+        self._path = PathFollower(settings, robot)
         self._jog = Jog(settings.jog)
         self._settings = settings
         self._source = self._rival = Source.NONE
@@ -83,7 +84,7 @@ class Targets:
         """Other settings from now on; whoever is in command goes on."""
         self._settings = settings
         self._stream.configure(settings.target)
-        self._path.configure(settings.path)
+        self._path.configure(settings)
         self._jog.configure(settings.jog)
 
     def state(self) -> TargetsState:
@@ -135,9 +136,12 @@ class Targets:
             self._stream.restore(dataclasses.replace(self._stream.state(), motion=reference))
         self._stream.add(pose_sd, stamped)
 
-    def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant) -> None:
-        """A path. Raises TargetRefused naming the pose, and goes on with what it had."""
-        self._follow(route_of_path(sample, frame_pose, now, self._settings.path), Source.PATH, now)
+    def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant, q: Array | None = None) -> None:
+        """A path; the joints are at q (n,). Raises TargetRefused naming the pose, and goes on with what it had.
+
+        Without q, times for a path that has none are found from the bounds on the tool's motion alone.
+        """
+        self._follow(route_of_path(sample, frame_pose, now, self._settings.path), Source.PATH, now, q)
 
     def on_trajectory(self, sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> None:
         """A trajectory. Raises TargetRefused naming the point, and goes on with what it had."""
@@ -165,9 +169,9 @@ class Targets:
             self._jog.begin(reference, self._time_ns)
         self._jog.add(twist, frame, stamped)
 
-    def _follow(self, route: Route, source: Source, now: Instant) -> None:
+    def _follow(self, route: Route, source: Source, now: Instant, q: Array | None = None) -> None:
         reference = self._motion()
-        self._path.begin(route, reference, self._time_ns)
+        self._path.begin(route, reference, self._time_ns, q)
         self._take_command(source, now.monotonic_ns)
         self._route_remark = route.remark
 
@@ -232,6 +236,8 @@ class Targets:
             return f"no {name} any more; holding the pose" if self.ended else f"jogging by {name}"
         if self._path.finished:
             return f"{name} is done; holding its last pose"
+        if self._path.timing:
+            return f"finding times for {name}"
         if self._path.waiting:
             return f"{name} begins later; waiting at its start" if self._path.early else f"going to the start of {name}"
         return f"following {name}"

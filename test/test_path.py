@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loop import READY, make_robot
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ik_node import se3
 from ik_node.clock import NS, Instant
+from ik_node.control_law import twist_feedback
 from ik_node.errors import TargetRefused, UnknownNameError
 from ik_node.inputs import PathSample, TrajectorySample
 from ik_node.se3 import Array
-from ik_node.settings import PathSettings
+from ik_node.settings import PathSettings, Settings
 from ik_node.trajectory.knot_rates import through_poses
 from ik_node.trajectory.path import PathFollower
 from ik_node.trajectory.reference import RigidMotion, pose_of
@@ -111,7 +113,7 @@ class Run:
     """An ideal tool that follows a path tick by tick."""
 
     def __init__(self, path: Route, start: RigidMotion, tick_s: float = TICK_S, begin_ns: int = 0) -> None:
-        self.follower = PathFollower(SETTINGS)
+        self.follower = PathFollower(Settings())
         self.follower.begin(path, start, begin_ns)
         self.tool = pose_of(start)
         self.tick_ns, self.time_ns, self.pace = round(tick_s * NS), begin_ns, 1.0
@@ -376,7 +378,7 @@ def test_the_distance_to_the_path_is_that_of_its_nearest_point() -> None:
 def test_ticks_that_come_late_leave_the_path_where_it_should_be() -> None:
     times = np.linspace(0.0, 4.0, 65)
     poses = [screw(time) for time in times.tolist()]
-    follower = PathFollower(SETTINGS)
+    follower = PathFollower(Settings())
     follower.begin(route(path_of(poses, times.tolist())), resting(poses[0]), 0)
     spline = spline_of(times, poses)
     generator = np.random.default_rng(4)
@@ -476,6 +478,60 @@ def test_a_path_without_times_gets_times_within_the_speeds_and_accelerations() -
     rates = run.angular_steps() / TICK_S
     assert np.linalg.norm(np.diff(velocities, axis=0), axis=1).max() / TICK_S <= SETTINGS.linear_acceleration * 1.02
     assert np.linalg.norm(np.diff(rates, axis=0), axis=1).max() / TICK_S <= SETTINGS.angular_acceleration * 1.1
+
+
+def test_a_path_without_times_keeps_its_poses_however_unevenly_they_lie() -> None:
+    """Corners, a turn on the spot, a tiny step and a repeated pose."""
+    steps = [(0.2, 0, 0, 0, 0, 0), (0, 0.1, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1.0), (1e-5, 0, 0, 0, 0, 0), (0,) * 6]
+    poses = [screw(0.0)]
+    for step in steps:
+        poses.append(poses[-1] @ se3.exp(np.array(step, dtype=float)))
+    run = Run(route(path_of(poses, [5.0] * len(poses))), resting(poses[0]))
+    while not run.follower.finished:
+        run.go(run.time_ns / NS + 0.1)
+    assert run.time_ns < 20 * NS
+    for pose in poses:
+        errors = [np.abs(se3.log(se3.inverse(pose) @ passed)).max() for passed in run.poses]
+        assert min(errors) < 2e-3
+    twists = np.array(run.twists)
+    assert np.linalg.norm(twists[:, :3], axis=1).max() <= SETTINGS.linear_speed * 1.02
+    assert np.linalg.norm(twists[:, 3:], axis=1).max() <= SETTINGS.angular_speed * 1.02
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_times_are_found_that_the_joints_can_keep(name: str) -> None:
+    """The tool's bounds are out of the way here; joints are moved by the pseudoinverse."""
+    robot = make_robot(name)
+    q = np.array(READY[name])
+    start = robot.pose(q)
+    poses = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 25).tolist():
+        pose = start.copy()
+        pose[1:3, 3] += (0.15 * np.sin(angle), 0.15 * (np.cos(angle) - 1.0))
+        pose[:3, :3] = pose[:3, :3] @ se3.exp_rotation(np.array([0.3 * np.sin(angle), 0.0, 0.0]))
+        poses.append(pose)
+    values = {"limits.velocity_fraction": 0.2, "limits.acceleration": (1.0,)}
+    fast = {f"path.{kind}_{what}": 10.0 for kind in ("linear", "angular") for what in ("speed", "acceleration")}
+    settings = Settings().with_values(values | fast)
+    follower = PathFollower(settings, robot)
+    follower.begin(route(path_of(poses, [0.0] * 25), settings=settings.path), resting(start), 0, q)
+    assert follower.waiting, "times are still being looked for"
+    speeds, velocity, time_ns = [], np.zeros(robot.n), 0
+    while not follower.finished:
+        pose = robot.pose(q)
+        law = twist_feedback(pose, follower.advance(time_ns, TICK_S, 1.0, pose), settings.control)
+        jacobian = robot.evaluate(q + 0.5 * TICK_S * velocity).jacobian_b
+        velocity = np.linalg.pinv(jacobian) @ law.twist_b
+        q = q + TICK_S * velocity
+        speeds.append(velocity)
+        time_ns += round(TICK_S * NS)
+        assert time_ns < 60 * NS
+    used = np.abs(speeds) / (0.2 * robot.limits.velocity)
+    accelerations = np.abs(np.diff(speeds, axis=0)).max() / TICK_S
+    assert used.max() < 1.0
+    assert accelerations < 1.0
+    assert max(used.max(), accelerations) > 0.6, "no slower than it has to be"
+    assert follower.distance_m < 1e-5
 
 
 # --- what is refused -------------------------------------------------------------------------------------------------

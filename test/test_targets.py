@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from loop import READY, make_robot
 
 from ik_node import se3
 from ik_node.clock import NS, Instant, Stamped
@@ -314,6 +315,38 @@ def test_the_same_calls_give_the_same_bits_also_from_a_snapshot_in_between() -> 
         assert np.array_equal(np.array(first.poses + second.poses), np.array(whole.poses))
         assert np.array_equal(np.array(first.twists + second.twists), np.array(whole.twists))
     assert whole.targets.source is Source.PATH
+
+
+def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> None:
+    robot = make_robot("panda")
+    q = np.array(READY["panda"])
+    start = robot.pose(q)
+    poses = [start @ se3.exp(np.array([0.1 * np.sin(a), 0.0, 0.0, 0.0, 0.2 * a, 0.0])) for a in np.linspace(0, 3, 20)]
+    sample = PathSample(
+        ("base",) * 20,
+        (0,) * 20,
+        np.array([pose[:3, 3] for pose in poses]),
+        np.array([se3.quaternion_from_rotation(pose[:3, :3]) for pose in poses]),
+    )
+    runs = []
+    for cuts in ((), (5,), (100, 400)):
+        targets = Targets(Settings(), robot)
+        targets.start(start, 0)
+        targets.on_path(sample, base_only, Instant(0, ROS_NS), q)
+        twists = []
+        for tick in range(1000):
+            if tick in cuts:
+                snapshot = from_json(to_json(targets.state()), TargetsState)
+                targets = Targets(Settings(), robot)
+                targets.restore(snapshot)
+            twists.append(targets.advance(tick * TICK_NS, TICK_S).twist_d)
+            if tick == 5:
+                assert targets.reason == "finding times for target_path"
+        runs.append(np.array(twists))
+        assert targets.reason == "following target_path"
+    assert np.abs(runs[0]).max() > 0.05
+    assert np.array_equal(runs[0], runs[1])
+    assert np.array_equal(runs[0], runs[2])
 
 
 def test_other_settings_count_from_now_on() -> None:

@@ -26,10 +26,16 @@ REPEATED = 1e-9
 """Poses nearer to each other than this [m, rad] are the same one."""
 
 
-def through_poses(times_s: Array, positions: Array, orientations: tuple[Quaternion, ...], moving_start: bool) -> Knots:
-    """Knots of the spline through poses: at rest at its end, wherever a pose is repeated, and at its start.
+def through_poses(
+    times_s: Array,
+    positions: Array,
+    orientations: tuple[Quaternion, ...],
+    moving_start: bool = False,
+    moving_end: bool = False,
+) -> Knots:
+    """Knots of the spline through poses: at rest at its ends and wherever a pose is repeated.
 
-    ``moving_start``: it is under way at its start instead, as the first three poses say.
+    ``moving_start``, ``moving_end``: it is under way there instead, as the three poses nearest to that end say.
     """
     count = len(times_s)
     turns = turns_between(orientations)
@@ -43,7 +49,7 @@ def through_poses(times_s: Array, positions: Array, orientations: tuple[Quaterni
     stops = np.flatnonzero(rests).tolist()
     steps, moves = np.diff(times_s), np.diff(positions, axis=0)
     for begin, end in pairwise(stops):
-        free = moving_start and begin == 0 and not still[0]
+        free = (moving_start and begin == 0 and not still[0], moving_end and end == count - 1 and not still[-1])
         part = slice(begin, end)
         inner = slice(begin, end + 1)
         straight = np.zeros_like(moves[part])  # theta = 0: J = 1, which makes the rotations' system that of positions
@@ -52,14 +58,16 @@ def through_poses(times_s: Array, positions: Array, orientations: tuple[Quaterni
     return Knots(times_s, positions, orientations, velocities, rates, accelerations, angular)
 
 
-def _least_bending(steps: Array, ways: Array, turns: Array, free_start: bool) -> tuple[Array, Array]:
-    """Rates and their derivatives (N + 1, 3) at the knots of one piece, at rest at its ends unless ``free_start``."""
+def _least_bending(steps: Array, ways: Array, turns: Array, free: tuple[bool, bool]) -> tuple[Array, Array]:
+    """Rates and their derivatives (N + 1, 3) at the knots of one piece, at rest at ends not ``free``."""
     count = len(steps)
     h = steps[:, None]
     slopes = ways / h
     rates = np.zeros((count + 1, 3))
-    if free_start:
-        rates[0] = slopes[0] if count == 1 else slopes[0] + (slopes[0] - slopes[1]) * steps[0] / (steps[0] + steps[1])
+    for end, beside, is_free in ((0, 1, free[0]), (-1, -2, free[1])):
+        if is_free:
+            part = 0.0 if count == 1 else steps[end] / (steps[end] + steps[beside])
+            rates[end] = slopes[end] + part * (slopes[end] - slopes[beside if count > 1 else end])
     solver = _Tridiagonal(1.0 / steps)
     for _ in range(ITERATIONS):
         ends = inverse_right_jacobian(turns, rates[1:])
@@ -67,7 +75,7 @@ def _least_bending(steps: Array, ways: Array, turns: Array, free_start: bool) ->
         right -= (right_jacobian(turns[:-1], rates[:-2]) - rates[:-2]) / h[:-1]
         right -= (ends[1:] - rates[2:]) / h[1:]
         right -= 0.5 * right_jacobian_rate(turns[:-1], ends[:-1], ends[:-1])
-        renewed = solver.solve(right, rates[0] / h[0])
+        renewed = solver.solve(right, rates[0] / h[0], rates[-1] / h[-1])
         change = float(np.abs(renewed - rates[1:-1]).max(initial=0.0))
         rates[1:-1] = renewed
         if change < SETTLED:
@@ -78,14 +86,16 @@ def _least_bending(steps: Array, ways: Array, turns: Array, free_start: bool) ->
     last = right_jacobian(turns, last) + right_jacobian_rate(turns, ends, ends)
     derivatives = np.zeros((count + 1, 3))
     derivatives[1:-1] = 0.5 * (last[:-1] + first[1:])
-    if free_start:
+    if free[0]:
         derivatives[0] = first[0]
+    if free[1]:
+        derivatives[-1] = last[-1]
     return rates, derivatives
 
 
 class _Tridiagonal:
-    """The system w_(i-1) m_(i-1) + 2 (w_(i-1) + w_i) m_i + w_i m_(i+1) = r_i of a cubic spline, w = 1 / h; the last m
-    is 0, the first one is given."""
+    """The system w_(i-1) m_(i-1) + 2 (w_(i-1) + w_i) m_i + w_i m_(i+1) = r_i of a cubic spline, w = 1 / h, with the
+    first and the last m given."""
 
     def __init__(self, weights: Array) -> None:
         self._weights: list[float] = weights.tolist()
@@ -98,11 +108,12 @@ class _Tridiagonal:
             self._pivots.append(pivot)
             self._upper.append(before)
 
-    def solve(self, right: Array, first: Array) -> Array:
-        """The inner unknowns (N - 1, 3); ``first`` is w_0 m_0."""
+    def solve(self, right: Array, first: Array, last: Array) -> Array:
+        """The inner unknowns (N - 1, 3); ``first`` and ``last`` are the outer ones times their weights."""
         shifted = right.copy()
         if len(shifted):
             shifted[0] -= first
+            shifted[-1] -= last
         columns = [self._column(column) for column in shifted.T.tolist()]
         return np.asarray(np.array(columns).T.reshape(-1, 3))
 

@@ -18,13 +18,14 @@ the arm stays on the path's geometry, and everything after comes later.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 
 from ik_node.clock import NS
 from ik_node.errors import InputError
+from ik_node.robot import Robot
 from ik_node.se3 import Array
-from ik_node.settings import PathSettings
+from ik_node.settings import Settings
 from ik_node.trajectory.knot_rates import through_poses
 from ik_node.trajectory.motion import Motion
 from ik_node.trajectory.offset import (
@@ -40,10 +41,14 @@ from ik_node.trajectory.offset import (
     planned,
     slowed,
 )
+from ik_node.trajectory.path_clock import PathClock
 from ik_node.trajectory.reference import Bounds, RigidMotion, mean_twist, pose_of
-from ik_node.trajectory.rigid_spline import Knots, RigidSpline
+from ik_node.trajectory.rigid_spline import Knots
 from ik_node.trajectory.rotations import difference, length
 from ik_node.trajectory.route import Route
+from ik_node.trajectory.time_law import LawTable
+from ik_node.trajectory.time_parametrisation import JointSearch, PathTiming, is_done
+from ik_node.trajectory.timed_path import TimedPath
 
 ARRIVED_M, ARRIVED_RAD = 5e-4, 2e-3
 """An approach has arrived when it is this near."""
@@ -63,16 +68,14 @@ class PathState:
 
     time_ns: int = 0
     knots: Knots | None = None
+    law: LawTable | None = None
+    search: JointSearch | None = None
+    """What is still to be found out before a path without times can begin."""
     begin_ns: int | None = None
     offset: Offset | None = None
-    entry_s: float = 0.0
-    """Where on the path it is begun."""
-    rise_s: float = 0.0
-    """Over this time it gathers speed."""
-    fall_s: float = 0.0
-    """Over this time it loses speed."""
+    clock: PathClock = field(default_factory=PathClock)
     clock_s: float | None = None
-    """Time that has gone by on the path since it was begun there; None before."""
+    """Time that has gone by since the path was begun; None before."""
     pace: float = 1.0
     distance_m: float = nan
 
@@ -80,15 +83,17 @@ class PathState:
 class PathFollower:
     """One path after the other. All times are monotonic nanoseconds."""
 
-    def __init__(self, settings: PathSettings) -> None:
+    def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
+        """``robot``: so that paths without times get some that its joints can keep; else the tool's bounds count."""
+        self._timing = PathTiming(settings, robot)
         self.configure(settings)
         self._state = PathState()
-        self._spline: RigidSpline | None = None
+        self._timed: TimedPath | None = None
 
-    def configure(self, settings: PathSettings) -> None:
+    def configure(self, settings: Settings) -> None:
         """Other settings from now on."""
-        self._settings = settings
-        s = settings
+        self._timing.configure(settings)
+        s = self._settings = settings.path
         self._limits = Limits(
             Bounds(
                 s.approach_linear_speed, s.approach_linear_acceleration, s.approach_linear_jerk, s.approach_linear_speed
@@ -108,29 +113,49 @@ class PathFollower:
     def restore(self, state: PathState) -> None:
         """Goes on from a snapshot, bit for bit."""
         self._state = dataclasses.replace(state)
-        self._spline = None if state.knots is None else RigidSpline(state.knots)
+        self._timed = None if state.knots is None else TimedPath(state.knots, state.law)
 
     # --- beginning ---------------------------------------------------------------------------------------------------
 
-    def begin(self, route: Route, reference: RigidMotion, time_ns: int) -> None:
-        """A path to follow from now on; ``reference`` is where the arm is led to at ``time_ns``, and how it moves."""
+    def begin(self, route: Route, reference: RigidMotion, time_ns: int, q: Array | None = None) -> None:
+        """A path to follow from now on.
+
+        ``reference`` is where the arm is led to at ``time_ns``, and how it moves; ``q`` (n,) where its joints are.
+        """
         due = route.begin_ns is None or route.begin_ns <= time_ns
         moving = due and route.begin_ns is not None and is_moving(reference)
-        knots = route.knots or through_poses(route.times_s, route.positions, route.orientations, moving)
-        s = self._state = PathState(time_ns=time_ns, knots=knots, begin_ns=route.begin_ns)
-        spline = self._spline = RigidSpline(knots)
+        s = self._state = PathState(time_ns=time_ns, begin_ns=route.begin_ns)
+        self._set_knots(route, moving)
+        if not route.timed:
+            s.search = self._timing.begin(self._path.spline, q)
+            if s.search is None:
+                self._set_law()
+        path = self._path
+        entry_s = 0.0
         if route.begin_ns is not None and due:
-            s.entry_s = min((time_ns - route.begin_ns) / NS, spline.end_s)
-        s.offset = between(reference, resting_at(spline, s.entry_s))
-        if due and self._is_joinable():
-            self._join(reference)
+            entry_s = min((time_ns - route.begin_ns) / NS, path.end_s)
+        s.offset = between(reference, path.resting(entry_s))
+        if due and self._is_joinable() and s.search is None:
+            self._join(reference, entry_s)
             return
-        if moving and route.knots is None:
-            s.knots = through_poses(route.times_s, route.positions, route.orientations, False)
-            spline = self._spline = RigidSpline(s.knots)
-        s.entry_s = 0.0
-        self._set_ramps(is_moving(spline.motion(0.0)))
-        s.offset = between(reference, resting_at(spline, 0.0))
+        if moving:
+            self._set_knots(route, False)
+        self._set_clock(0.0, is_moving(self._path.motion(0.0)))
+        s.offset = between(reference, self._path.resting(0.0))
+
+    def _set_knots(self, route: Route, moving_start: bool) -> None:
+        knots = route.knots or through_poses(route.times_s, route.positions, route.orientations, moving_start)
+        self._state.knots = knots
+        self._timed = TimedPath(knots, None)
+
+    def _set_law(self) -> None:
+        """The search for it, if there was one, is done."""
+        s = self._state
+        if s.knots is not None:
+            s.law = self._timing.law(self._path.spline, s.search)
+            s.search = None
+            self._timed = TimedPath(s.knots, s.law)
+            self._set_clock(0.0, False)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
         """Goes on with the path from somewhere else."""
@@ -142,19 +167,19 @@ class PathFollower:
         offset = self._state.offset
         return offset is None or is_near(offset, self._settings.join_distance, self._settings.join_angle)
 
-    def _join(self, reference: RigidMotion) -> None:
+    def _join(self, reference: RigidMotion, entry_s: float) -> None:
         """Onto a path under way: at full speed, or gathering it, whichever is nearer to how ``reference`` moves."""
-        s, spline = self._state, self._route()
+        s, path = self._state, self._path
+        goal, still = path.motion(entry_s), path.resting(entry_s)
+        self._set_clock(entry_s, is_moving(goal) and _jump(reference, still) < _jump(reference, goal))
         s.clock_s = 0.0
-        goal, still = spline.motion(s.entry_s), resting_at(spline, s.entry_s)
-        self._set_ramps(is_moving(goal) and _jump(reference, still) < _jump(reference, goal))
         s.offset = between(reference, self._goal())
 
-    def _set_ramps(self, rise: bool) -> None:
-        s, spline = self._state, self._route()
-        ramp_s = min(RAMP_S, spline.end_s - s.entry_s)
-        s.rise_s = ramp_s if rise else 0.0
-        s.fall_s = ramp_s if is_moving(spline.motion(spline.end_s)) else 0.0
+    def _set_clock(self, entry_s: float, rise: bool) -> None:
+        path = self._path
+        ramp_s = min(RAMP_S, path.end_s - entry_s)
+        fall = is_moving(path.motion(path.end_s))
+        self._state.clock = PathClock(entry_s, path.end_s, ramp_s if rise else 0.0, ramp_s if fall else 0.0)
 
     # --- ticks -------------------------------------------------------------------------------------------------------
 
@@ -165,7 +190,7 @@ class PathFollower:
         goes on, lest arcs be cut short. ``pose_sb``: where the tool is, for its distance.
         """
         self._catch_up(time_ns, pace)
-        s, spline = self._state, self._route()
+        s, path = self._state, self._path
         part = likely_part(pace)
         begin, end = self._path_time(s.clock_s), self._path_time(self._clock_after(part * hold_s))
         offset, offset_after = None, None
@@ -173,11 +198,11 @@ class PathFollower:
             s.offset, offset_after = planned(s.offset, hold_s, self._limits)
             offset = s.offset.motion
             offset_after = part_of_way(offset, offset_after, part)
-        now = placed(*spline.pose(begin), offset)
-        then = placed(*spline.pose(end), offset_after)
+        now = placed(*path.pose(begin), offset)
+        then = placed(*path.pose(end), offset_after)
         if pose_sb is not None:
             x, y, z = pose_sb[:3, 3].tolist()
-            s.distance_m = spline.nearest((x, y, z), begin)[1]
+            s.distance_m = path.distance_m((x, y, z), begin)
         return Motion(pose_of(now), mean_twist(now, then, part * hold_s))
 
     def _catch_up(self, time_ns: int, pace: float) -> None:
@@ -189,6 +214,11 @@ class PathFollower:
         s.time_ns = max(s.time_ns, time_ns)
         if s.clock_s is not None:
             s.clock_s += pace * elapsed_s
+            return
+        if s.search is not None:
+            s.search = self._timing.go_on(self._path.spline, s.search)
+            if is_done(s.search):
+                self._set_law()
             return
         begin_ns = s.begin_ns
         if begin_ns is not None and time_ns < begin_ns:
@@ -204,15 +234,10 @@ class PathFollower:
 
     def _goal(self) -> RigidMotion:
         """Where the path is now, and how it moves."""
-        s, spline = self._state, self._route()
+        s, path = self._state, self._path
         if s.clock_s is None or self.finished:
-            return resting_at(spline, self._path_time(s.clock_s))
-        motion, left_s = spline.motion(self._path_time(s.clock_s)), self._duration_s - s.clock_s
-        for ramp_s, gone_s, sign in ((s.rise_s, s.clock_s, 1.0), (s.fall_s, left_s, -1.0)):
-            if gone_s < ramp_s:
-                u = gone_s / ramp_s
-                return slowed(motion, u * u * (3.0 - 2.0 * u), sign * 6.0 * u * (1.0 - u) / ramp_s)
-        return motion
+            return path.resting(self._path_time(s.clock_s))
+        return slowed(path.motion(self._path_time(s.clock_s)), *s.clock.pace(s.clock_s))
 
     def _clock_after(self, hold_s: float) -> float | None:
         s = self._state
@@ -223,30 +248,15 @@ class PathFollower:
         left_s = hold_s - (s.begin_ns - s.time_ns) / NS
         return left_s if left_s > 0.0 and s.begin_ns > s.time_ns else None
 
-    @property
-    def _duration_s(self) -> float:
-        """How long the path takes from where it is begun."""
-        s = self._state
-        return self._route().end_s - s.entry_s + 0.5 * (s.rise_s + s.fall_s)
-
     def _path_time(self, clock_s: float | None) -> float:
-        """Time on the path; while it gathers or loses speed the integral of 3 u^2 - 2 u^3."""
-        s, end_s = self._state, self._route().end_s
-        if clock_s is None:
-            return s.entry_s
-        left_s = self._duration_s - clock_s
-        if left_s <= 0.0:
-            return end_s
-        if clock_s < s.rise_s:
-            return s.entry_s + _ramp(clock_s, s.rise_s)
-        if left_s < s.fall_s:
-            return end_s - _ramp(left_s, s.fall_s)
-        return s.entry_s + clock_s - 0.5 * s.rise_s
+        clock = self._state.clock
+        return clock.entry_s if clock_s is None else clock.time_s(clock_s)
 
-    def _route(self) -> RigidSpline:
-        if self._spline is None:
+    @property
+    def _path(self) -> TimedPath:
+        if self._timed is None:
             raise InputError("no path has been given")
-        return self._spline
+        return self._timed
 
     # --- what there is to say ----------------------------------------------------------------------------------------
 
@@ -254,6 +264,11 @@ class PathFollower:
     def waiting(self) -> bool:
         """The path has not begun: the arm is on its way to it, or there and early."""
         return self._state.clock_s is None
+
+    @property
+    def timing(self) -> bool:
+        """Times are being looked for, and the path has not begun."""
+        return self._state.search is not None
 
     @property
     def early(self) -> bool:
@@ -264,13 +279,14 @@ class PathFollower:
     @property
     def finished(self) -> bool:
         """The path has come to its end."""
-        clock_s = self._state.clock_s
-        return clock_s is not None and clock_s >= self._duration_s
+        s = self._state
+        return s.clock_s is not None and s.clock_s >= s.clock.duration_s
 
     @property
     def progress(self) -> float:
         """Part of the path's time that has gone by, 0 to 1."""
-        return self._path_time(self._state.clock_s) / self._route().end_s if self._state.clock_s is not None else 0.0
+        clock_s = self._state.clock_s
+        return 0.0 if clock_s is None else self._path_time(clock_s) / self._path.end_s
 
     @property
     def late_s(self) -> float:
@@ -288,25 +304,12 @@ class PathFollower:
     @property
     def goal_sd(self) -> Array:
         """The path's last pose, (4, 4)."""
-        spline = self._route()
-        return pose_of(placed(*spline.pose(spline.end_s), None))
+        return pose_of(self._path.resting(self._path.end_s))
 
 
 def is_moving(motion: RigidMotion) -> bool:
     """Whether it is under way."""
     return length(motion.velocity) > MOVING_M_S or length(motion.rate) > MOVING_RAD_S
-
-
-def resting_at(spline: RigidSpline, time_s: float) -> RigidMotion:
-    """At rest at one pose of the path."""
-    position, orientation = spline.pose(time_s)
-    return RigidMotion(position, orientation=orientation)
-
-
-def _ramp(time_s: float, ramp_s: float) -> float:
-    """How far a clock gets in ``time_s`` that gathers speed over ``ramp_s``."""
-    u = time_s / ramp_s
-    return ramp_s * u**3 * (1.0 - 0.5 * u)
 
 
 def _jump(a: RigidMotion, b: RigidMotion) -> float:

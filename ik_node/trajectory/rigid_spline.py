@@ -109,6 +109,31 @@ class RigidSpline:
             rotate_back(back, _tuple(change[0])),
         )
 
+    def derivatives(self, per_interval: int) -> tuple[Array, Array, Array]:
+        """Times (M,) of so many points in each interval and the end, with the velocities of the origin and of turning
+        (M, 6), in {s} and in the moving frame, and their derivatives (M, 6)."""
+        parts = np.arange(per_interval) / per_interval
+        steps = np.diff(self.knots.times_s)
+        u = np.concatenate((np.outer(steps, parts).ravel(), steps[-1:]))
+        index = np.concatenate((np.repeat(np.arange(len(steps)), per_interval), [len(steps) - 1]))
+        linear, angular = np.array(self._linear)[index], np.array(self._angular)[index]
+        powers = np.arange(1.0, 6.0)
+        value, slope = u[:, None] ** powers, powers * u[:, None] ** (powers - 1.0)
+        bend = powers[1:] * (powers[1:] - 1.0) * u[:, None] ** (powers[1:] - 2.0)
+        theta, rate = np.einsum("mk,mkj->mj", value, angular), np.einsum("mk,mkj->mj", slope, angular)
+        change = right_jacobian(theta, np.einsum("mk,mkj->mj", bend, angular[:, 1:]))
+        return (
+            self.knots.times_s[index] + u,
+            np.concatenate((np.einsum("mk,mkj->mj", slope, linear), right_jacobian(theta, rate)), axis=1),
+            np.concatenate(
+                (
+                    np.einsum("mk,mkj->mj", bend, linear[:, 1:]),
+                    change + right_jacobian_rate(theta, rate, rate),
+                ),
+                axis=1,
+            ),
+        )
+
     def nearest(self, position: Vector, time_s: float) -> tuple[float, float]:
         """Time at which the path is nearest to ``position``, looked for downhill from ``time_s``, and how near [m]."""
         best_s, best = time_s, self._squared_distance(position, time_s)

@@ -19,7 +19,7 @@ from ik_node.trajectory.knot_rates import estimated_accelerations
 from ik_node.trajectory.rigid_spline import Knots
 from ik_node.trajectory.rotations import Quaternion, from_matrix, normalised
 from ik_node.trajectory.so3 import turns_between
-from ik_node.trajectory.time_parametrisation import spaced
+from ik_node.trajectory.time_parametrisation import nominal_knots
 
 FramePose = Callable[[str], Array]
 """T_sf (4, 4) of a frame by name; raises one of our errors with the names that there are."""
@@ -34,7 +34,7 @@ class Route(NamedTuple):
     """N poses in {s} to be gone through in order."""
 
     times_s: Array
-    """(N,), increasing from 0."""
+    """(N,), increasing from 0; where the poses came without times, what :func:`nominal_knots` says."""
     positions: Array
     """(N, 3), m."""
     orientations: tuple[Quaternion, ...]
@@ -45,6 +45,8 @@ class Route(NamedTuple):
     """When it begins on the monotonic clock; None: as soon as the arm is there."""
     remark: str
     """What a person should know about it; empty for nothing."""
+    timed: bool = True
+    """The poses came with times."""
 
 
 def route_of_path(sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> Route:
@@ -58,8 +60,8 @@ def route_of_path(sample: PathSample, frame_pose: FramePose, now: Instant, setti
     bases = [(frame, _placed(frame_pose, frame, sample.frame_ids)) for frame in dict.fromkeys(sample.frame_ids)]
     positions, orientations = _in_base(sample.positions, sample.quaternions, sample.frame_ids, bases)
     if len(set(stamps)) == 1:
-        times_s, kept = spaced(positions, orientations, settings)
-        return Route(times_s, positions[kept], tuple(orientations[index] for index in kept), None, None, "")
+        knots = nominal_knots(positions, orientations, settings)
+        return Route(knots.times_s, knots.positions, knots.orientations, knots, None, "", False)
     times_s = _times([stamp - stamps[0] for stamp in stamps])
     _check_speeds(times_s, positions, orientations)
     begin_ns, remark = _begin("target_path", stamps[0], stamps[-1], now, settings)
@@ -152,9 +154,7 @@ def _in_base(
         here = np.array([name == frame for name in frame_ids])
         placed[here] = positions[here] @ base[:3, :3].T + base[:3, 3]
         turned[here] = (quaternions[here] / norms[here, None]) @ _left_product(from_matrix(base)).T
-    _refuse_first(
-        np.abs(placed).max(axis=1) > FARTHEST_M, "pose {} is more than " + f"{FARTHEST_M:g} m away"
-    )
+    _refuse_first(np.abs(placed).max(axis=1) > FARTHEST_M, "pose {} is more than " + f"{FARTHEST_M:g} m away")
     return placed, tuple(normalised((w, x, y, z)) for w, x, y, z in turned.tolist())
 
 

@@ -1,0 +1,99 @@
+"""``ik_view``: a recorded run, or a running node, in 3-D in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from ik_node.errors import IkNodeError
+from ik_node.recording.reader import load_run
+from ik_node.view.nearby import read_obstacles
+from ik_node.view.opening import open_run
+from ik_node.view.serving import LOCAL, serve, url_of
+
+PERIOD_S = 1.0 / 30.0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    result = argparse.ArgumentParser(prog="ik_view", description=__doc__)
+    result.add_argument("bag", type=Path, nargs="?", help="folder or file of a recording")
+    result.add_argument("--live", action="store_true", help="look at a running node instead")
+    result.add_argument("--node", default="", help="which node, by its full name [the only one; live: /ik_node]")
+    result.add_argument("--port", type=int, default=8080, help="of the page, or the next free one [%(default)s]")
+    result.add_argument("--host", default=LOCAL, help="0.0.0.0 to be seen from other computers [%(default)s]")
+    result.add_argument("--open", action="store_true", help="open the page in the browser")
+    result.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], help="with --live: for ROS, e.g. remappings"
+    )
+    return result
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serves the page until Ctrl-C or SIGTERM, then 0; 1 when there is nothing to show."""
+    options = parser().parse_args(arguments)
+    if (options.bag is None) != options.live:
+        print("error: expected a recording, or --live for a running node", file=sys.stderr)
+        return 2
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        if options.live:
+            _view_live(options)
+        else:
+            _view_bag(options)
+    except IkNodeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+def _view_bag(options: argparse.Namespace) -> None:
+    run = load_run(options.bag, options.node)
+    server = serve(options.port, options.host)
+    try:
+        page = open_run(server, run, str(options.bag), read_obstacles(options.bag, options.node))
+        _announce(options)(server)
+        last_s = time.monotonic()
+        while True:
+            time.sleep(PERIOD_S)
+            now_s = time.monotonic()
+            page.tick(now_s - last_s)
+            last_s = now_s
+    finally:
+        server.stop()
+
+
+def _view_live(options: argparse.Namespace) -> None:
+    try:
+        from ik_node.ros.live_view import view_live
+    except ImportError as error:
+        raise IkNodeError(f"--live needs ROS 2, which is not installed: {error}") from error
+    ros_arguments = ["--ros-args", *options.ros_args] if options.ros_args else []
+    view_live(options.node or "/ik_node", lambda: serve(options.port, options.host), _announce(options), ros_arguments)
+
+
+def _announce(options: argparse.Namespace) -> Callable[[Any], None]:
+    def say(server: Any) -> None:
+        print(f"{url_of(server)}  (Ctrl-C ends it)", flush=True)
+        if options.open:
+            webbrowser.open(url_of(server))
+
+    return say
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    del number, frame
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())

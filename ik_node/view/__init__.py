@@ -1,0 +1,1 @@
+"""A run in 3-D in the browser."""

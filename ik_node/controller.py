@@ -18,15 +18,18 @@ an exception or a non-finite result inside        zeros at once; stays until res
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from ik_node import se3
 from ik_node.clock import NS, Instant, place
 from ik_node.control_law import IkDifference, IkMemory, twist_feedback
 from ik_node.controller_state import ControllerMemory, ControllerState
-from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused
+from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.following import FollowMonitor
-from ik_node.inputs import JointSample, ObstacleSample, PoseSample
+from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
 from ik_node.limits import motion_limits
 from ik_node.memory import recall, remembered
@@ -37,8 +40,8 @@ from ik_node.settings import Settings
 from ik_node.status import StatusMemory
 from ik_node.step import Level, Mode, Status, Step
 from ik_node.supervision import Supervision, SupervisionMemory
+from ik_node.targets import Targets, twist_frame
 from ik_node.tick import Moment, Outcome, TickSolver
-from ik_node.trajectory.stream import StreamedPoses
 
 INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean of the time between ticks."""
@@ -61,7 +64,7 @@ class Controller:
         self._solver = TickSolver(robot, settings)
         self._ik = IkDifference(robot)
         self._states = JointStateMerger(robot.joints, settings.state)
-        self._stream = StreamedPoses(settings.target)
+        self._targets = Targets(settings, robot)
         self._supervision = Supervision()
         self._status = self._supervision.says
         self._tick = 0
@@ -75,6 +78,8 @@ class Controller:
         self._follow = FollowMonitor(robot, settings.follow)
         self._retry_ns = 0
         self._listeners = 1
+        self._pace = 1.0
+        self._keep_targets = False
 
     @property
     def status(self) -> Status:
@@ -104,18 +109,30 @@ class Controller:
             return self._fault(now, reason)
 
     def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
-        """Takes a target. Raises TargetRefused, and goes on with what it had, when the target cannot be followed."""
-        try:
+        """Takes a pose of the stream. Raises TargetRefused, and goes on with what it had, when it is unusable."""
+        with self._refusals():
             pose_sd = self._in_base(sample)
-        except InputError as error:
-            self.targets_refused += 1
-            self._status.note("target", f"target refused: {error}")
-            raise TargetRefused(str(error)) from error
-        self._status.note("target")
         stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS), round(TARGET_AHEAD_S * NS))
         self._status.flag("target stamps disagree with this clock; arrival counts", stamped.skew_ns != 0, now)
         if self._supervision.closed_loop:
-            self._stream.add(pose_sd, stamped)
+            self._targets.on_pose(pose_sd, stamped)
+
+    def on_target_path(self, sample: PathSample, now: Instant) -> None:
+        """Takes a path. Raises TargetRefused naming the pose, and goes on with what it had."""
+        with self._refusals():
+            self._targets.on_path(sample, self._frame_pose, now, self._ready().position)
+
+    def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
+        """Takes a trajectory of poses and twists. Raises TargetRefused naming the point; goes on with what it had."""
+        with self._refusals():
+            self._ready()
+            self._targets.on_trajectory(sample, self._frame_pose, now)
+
+    def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
+        """Takes a twist to jog by. Raises TargetRefused, and goes on with what it had."""
+        with self._refusals():
+            frame = twist_frame(self.robot, self._ready().position, self._known(sample.frame_id))
+            self._targets.on_twist(sample, frame, now)
 
     def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
         """Takes obstacles as they are now. Raises SceneError naming those that cannot be used; the others count."""
@@ -153,6 +170,7 @@ class Controller:
     def pause(self, now: Instant, reason: str = "paused by request") -> None:
         """Ramps to zero and stays there until :meth:`resume`. A fault stays a fault."""
         if self.status.mode is not Mode.FAULT:
+            self._keep_targets = False
             self._ramp_down(now, Status(Level.OK, Mode.PAUSED, reason))
 
     def resume(self) -> None:
@@ -174,7 +192,7 @@ class Controller:
         self._solver.configure(settings)
         self.settings = settings
         self._states.configure(settings.state)
-        self._stream.configure(settings.target)
+        self._targets.configure(settings)
         self._follow.configure(settings.follow)
 
     # --- state -------------------------------------------------------------------------------------------------------
@@ -187,7 +205,7 @@ class Controller:
             remembered(self._status, StatusMemory),
             remembered(self._states, MergerMemory),
             remembered(self._ik, IkMemory),
-            self._stream.state(),
+            self._targets.state(),
             self._follow.memory(),
             self._solver.lookout.scene,
         )
@@ -199,7 +217,7 @@ class Controller:
         recall(self._status, state.status)
         recall(self._states, state.joint_states)
         recall(self._ik, state.ik_difference)
-        self._stream.restore(state.stream)
+        self._targets.restore(state.targets)
         self._follow.recall(state.follow)
         self._solver.lookout.scene = state.scene
 
@@ -229,6 +247,7 @@ class Controller:
             return False
         obstruction = self._obstruction(state, now)
         if obstruction is not None:
+            self._keep_targets = self._keep_targets or self._supervision.closed_loop
             self._ramp_down(now, obstruction)
             return False
         if not self._supervision.closed_loop:
@@ -237,7 +256,10 @@ class Controller:
             self._follow.forget()
             self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
             self._ik.solution = None
-            self._stream.start(self.robot.pose(state.position), state.time_ns)
+            self._pace = 1.0
+            begin = self._targets.rest_at if self._keep_targets else self._targets.start
+            begin(self.robot.pose(state.position), state.time_ns)
+            self._keep_targets = False
         return True
 
     def _obstruction(self, state: JointState, now: Instant) -> Status | None:
@@ -258,7 +280,7 @@ class Controller:
     def _track(self, state: JointState, now: Instant) -> Step:
         control = self.settings.control
         pose_sb = self.robot.pose(state.position)
-        motion = self._stream.advance(state.time_ns, self._interval_s)
+        motion = self._targets.advance(state.time_ns, self._interval_s, self._pace, pose_sb)
         law = twist_feedback(pose_sb, motion, control)
         # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
         ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
@@ -271,7 +293,7 @@ class Controller:
         else:
             self._ik.solution = None
             outcome = self._solver.follow_twist(moment, law.twist_b)
-        self._velocity, self._commanded_ns = outcome.joint_velocity, now.monotonic_ns
+        self._velocity, self._commanded_ns, self._pace = outcome.joint_velocity, now.monotonic_ns, outcome.scale
         self._say_what_happens(now, outcome, elapsed_s)
         self._tick += 1
         return Step(
@@ -291,6 +313,8 @@ class Controller:
             multiplier_potential=outcome.multiplier_potential,
             singular_values=outcome.singular_values,
             binding=outcome.binding,
+            progress=self._targets.progress,
+            path_distance=self._targets.distance_m,
             clearance=outcome.closest.distance,
             closest_points=outcome.closest.points_s,
             closest_pair=outcome.closest.names,
@@ -308,12 +332,10 @@ class Controller:
         late = self._gain_needs_a_prompt_arm()
         self._status.flag("ik_difference_gain is stable only for an arm that answers without lag", late, now)
         self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
-        if self._stream.goal_sd is None:
-            self._status.set(Status(Level.OK, Mode.HOLDING, "no target yet"))
-        elif self._stream.silent_s(now.monotonic_ns) > self.settings.target.timeout_s:
-            self._status.set(Status(Level.OK, Mode.HOLDING, "the target stream has ended; holding the last pose"))
-        else:
-            self._status.set(Status(Level.OK, Mode.TRACKING, "following target_pose"))
+        for remark in self._targets.remarks:
+            self._status.flag(remark, True, now)
+        mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
+        self._status.set(Status(Level.OK, mode, self._targets.reason))
 
     def _gain_needs_a_prompt_arm(self) -> bool:
         control = self.settings.control
@@ -337,15 +359,38 @@ class Controller:
     def _in_base(self, sample: PoseSample | ObstacleSample, what: str = "target") -> Array:
         """The sample's pose seen from the base; frames that the arm moves are taken at the last measured position."""
         pose = se3.pose_from(sample.position, sample.quaternion, what)
-        frame = sample.frame_id
-        if frame == self.robot.base_frame:
-            return pose
-        if frame not in self.robot.frames:
-            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(sorted(self.robot.frames))}")
+        placed: Array = self._frame_pose(sample.frame_id) @ pose
+        return placed
+
+    def _frame_pose(self, frame: str) -> Array:
+        """T_sf of a frame of the model; InputError with the frames that there are."""
+        if self._known(frame) == self.robot.base_frame:
+            return np.eye(4)
         if self._state is None:
             raise InputError(f"frame '{frame}' cannot be placed before the first joint state")
-        placed: Array = self.robot.frame_pose(self._state.position, frame) @ pose
-        return placed
+        return self.robot.frame_pose(self._state.position, frame)
+
+    def _known(self, frame: str) -> str:
+        if frame not in self.robot.frames:
+            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(sorted(self.robot.frames))}")
+        return frame
+
+    def _ready(self) -> JointState:
+        """The last joint state of an arm that a control law moves; TargetRefused otherwise."""
+        if self._state is None or not self._supervision.closed_loop:
+            raise TargetRefused(f"the arm is {self.status.mode.value}: {self.status.reason}")
+        return self._state
+
+    @contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """What is wrong with a target is counted, said in the status, and raised as TargetRefused."""
+        try:
+            yield
+        except (InputError, UnknownNameError) as error:
+            self.targets_refused += 1
+            self._status.note("target", f"target refused: {error}")
+            raise TargetRefused(str(error)) from error
+        self._status.note("target")
 
     # --- coming to rest ----------------------------------------------------------------------------------------------
 
@@ -356,6 +401,7 @@ class Controller:
         """Zeros at once; goes on from the measured position with the next good state, unless paused or at fault."""
         moved = self._supervision.moving
         self._supervision.stop(level, reason)
+        self._keep_targets = False
         self._state = None
         self._interval_s = self._period_s
         return self._bare_step(now, np.zeros(self.robot.n)) if moved else None
@@ -388,6 +434,8 @@ class Controller:
             multiplier_potential=twist,
             singular_values=np.full(min(6, self.robot.n), np.nan),
             binding=(),
+            progress=float("nan"),
+            path_distance=float("nan"),
             clearance=float("nan"),
             closest_points=np.full((2, 3), np.nan),
             closest_pair=(),

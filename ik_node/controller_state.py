@@ -14,7 +14,7 @@ from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.status import StatusMemory
 from ik_node.supervision import SupervisionMemory
-from ik_node.trajectory.stream import StreamState
+from ik_node.targets import TargetsState
 
 
 class ControllerMemory(NamedTuple):
@@ -31,6 +31,8 @@ class ControllerMemory(NamedTuple):
     commanded_ns: int
     retry_ns: int
     listeners: int
+    pace: float
+    keep_targets: bool
 
 
 class ControllerState(NamedTuple):
@@ -41,6 +43,6 @@ class ControllerState(NamedTuple):
     status: StatusMemory
     joint_states: MergerMemory
     ik_difference: IkMemory
-    stream: StreamState
+    targets: TargetsState
     follow: FollowMemory
     scene: Scene

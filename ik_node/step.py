@@ -82,6 +82,10 @@ class Step(NamedTuple):
     """Of J_b with angular rows times the characteristic length, descending, (min(6, n),), m."""
     binding: tuple[str, ...]
     """Names of the limits that bound, e.g. ``velocity panda_joint4``."""
+    progress: float
+    """Part of a path that has been gone through, 0 to 1; NaN where none is followed."""
+    path_distance: float
+    """Distance of the tool point from the path, m; NaN where none is followed."""
     clearance: float
     """Distance of the nearest pair of links, or of link and obstacle, m; NaN when not computed."""
     closest_points: Array

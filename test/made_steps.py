@@ -43,6 +43,8 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
         singular_values=np.sort(rng.uniform(size=min(6, n)))[::-1].copy(),
         binding=binding,
         clearance=float(rng.uniform()) if tick % 2 else float("nan"),
+        progress=float(rng.uniform()),
+        path_distance=float("nan"),
         closest_points=rng.normal(size=(2, 3)),
         closest_pair=("panda_link5", "post") if tick % 7 == 2 else (),
         status=TRACKING,

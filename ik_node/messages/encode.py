@@ -167,7 +167,10 @@ def step_values(step: Step, method: str) -> dict[str, str]:
         "orientation_error_mrad": f"{1e3 * _norm(step.error_b[3:]):.6g}",
         "lost_linear_m_s": f"{_norm(step.lost_b[:3]):.6g}",
         "lost_angular_rad_s": f"{_norm(step.lost_b[3:]):.6g}",
+        "progress": f"{step.progress:.6g}",
+        "path_distance_m": f"{step.path_distance:.6g}",
         "clearance_m": f"{step.clearance:.6g}",
+        "closest_pair": " - ".join(step.closest_pair),
         "binding": ", ".join(step.binding),
     }
 

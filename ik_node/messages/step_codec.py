@@ -5,8 +5,8 @@ Three channels of a recording, all of standard types:
 ``step`` (std_msgs/Float64MultiArray): one per tick. ``layout.dim`` names the slices of ``data`` one after the other
 (label, and size in numbers); labels are the fields of :class:`ik_node.step.Step`. A time is two numbers, whole seconds
 and the nanoseconds beyond them, since one float64 does not hold the nanoseconds of an epoch; poses are row by row.
-Status, names of binding limits and of the closest pair are text: the slice ``texts`` holds the number of the text record
-that applies.
+Status, names of binding limits and of the closest pair are text: the slice ``texts`` holds the number of the text
+record that applies.
 
 ``step/texts`` (diagnostic_msgs/DiagnosticStatus): written before the first step it applies to. Level, message = reason,
 and the values ``number``, ``mode``, one ``binding`` per limit that bound, and ``closest`` for each of the pair.
@@ -40,7 +40,7 @@ _number = struct.Struct("<d")
 _call = struct.Struct("<4q")
 POSES = ("pose_sb", "pose_sd")
 """Slices that are 4 by 4 matrices."""
-NUMBERS = ("scale", "clearance")
+NUMBERS = ("scale", "progress", "path_distance", "clearance")
 """Slices that are single numbers in a Step."""
 ARRAYS = (
     "joint_position",
@@ -134,7 +134,7 @@ class StepEncoder:
                 step.multiplier_potential.tobytes(),
                 step.singular_values.tobytes(),
                 step.closest_points.tobytes(),
-                struct.pack("<2d", step.scale, step.clearance),
+                struct.pack("<4d", step.scale, step.progress, step.path_distance, step.clearance),
             )
         )
         if len(arrays) != self._size:

@@ -96,6 +96,10 @@ class Run(NamedTuple):
     """(k, 6)."""
     singular_values: Array
     """Descending, (k, min(6, n)), m."""
+    progress: Array
+    """Part of the path that has been gone through, (k,)."""
+    path_distance: Array
+    """Distance of the tool point from the path, (k,), m."""
     clearance: Array
     """Distance of the closest pair, (k,), m."""
     closest_points: Array

@@ -234,6 +234,9 @@ class Targets:
             return "the target stream has ended; holding the last pose" if self.ended else f"following {name}"
         if self._source is Source.TWIST:
             return f"no {name} any more; holding the pose" if self.ended else f"jogging by {name}"
+        return self._path_reason(name)
+
+    def _path_reason(self, name: str) -> str:
         if self._path.finished:
             return f"{name} is done; holding its last pose"
         if self._path.timing:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from ik_node.errors import RobotError, UnknownNameError
 from ik_node.robot import Robot
 from ik_node.settings import ArmSettings
+from ik_node.tool import with_tool
 
 
 class Arm(NamedTuple):
@@ -87,4 +88,8 @@ def robot_from(arm: ArmSettings, described: str = "") -> Robot:
         base_frame, tip_frame = base_frame or known.base_frame, tip_frame or known.tip_frame
     if not urdf:
         raise RobotError("no robot: set `robot` or `robot_description`, or publish the topic robot_description")
-    return Robot(urdf, base_frame, tip_frame, arm.joints, arm.joint_prefix)
+    robot = Robot(urdf, base_frame, tip_frame, arm.joints, arm.joint_prefix)
+    if not arm.tool_offset:
+        return robot
+    changed = with_tool(urdf, robot.tip_frame, arm.tool_offset)
+    return Robot(changed.urdf, base_frame, changed.tip_frame, arm.joints, arm.joint_prefix)

@@ -113,6 +113,9 @@ class ArmSettings(Group):
     tip_frame: str = setting(
         "", "Tool frame {b}; default: the robot's usual tool, else the end of the longest chain.", read_only=True
     )
+    tool_offset: tuple[float, ...] = setting(
+        (), "Tool point seen from tip_frame: x y z qx qy qz qw; default: tip_frame itself.", "m", read_only=True
+    )
     joints: tuple[str, ...] = setting(
         (),
         "Controlled joints in command order; default: every movable one between base and tip.",
@@ -154,6 +157,14 @@ class ControlSettings(Group):
     )
     gain_linear: float = setting(10.0, "K_p on the position error.", "1/s", 0.0, 200.0)
     gain_angular: float = setting(10.0, "K_p on the orientation error.", "1/s", 0.0, 200.0)
+    gain_integral_linear: float = setting(0.0, "K_i on the position error; 0: none.", "1/s2", 0.0, 100.0)
+    gain_integral_angular: float = setting(0.0, "K_i on the orientation error; 0: none.", "1/s2", 0.0, 100.0)
+    max_integral_linear: float = setting(
+        0.05, "Cap on the speed that integral action asks of the tool point.", "m/s", 1e-4, 1.0
+    )
+    max_integral_angular: float = setting(
+        0.2, "Cap on the turning rate that integral action asks of the tool.", "rad/s", 1e-4, 3.0
+    )
     max_feedback_linear: float = setting(
         0.5, "Cap on the speed that feedback alone asks of the tool point.", "m/s", 0.001, 10.0
     )

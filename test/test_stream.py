@@ -103,6 +103,24 @@ def test_a_screw_of_constant_velocity_is_followed_without_error(rate_hz: float) 
         assert np.abs(twist_d - expected).max() < 1e-5
 
 
+@pytest.mark.parametrize("late_s", [0.001, 0.007, 0.1])
+def test_late_ticks_change_nothing(late_s: float) -> None:
+    """A tick that comes late, after newer samples have come, finds the motion where it would have been."""
+
+    def target(t: float) -> Array:
+        return pose((0.1 * t, 0.0, 0.0), (0.0, 0.0, 0.4 * t))
+
+    run = Run(target(0.0)).go(1.0, clean(target, 0.002, 1.0))
+    now = 1.0
+    for stamped, sample in clean(target, 0.002, 1.5):
+        if stamped.received_ns > ns(1.0):
+            run.stream.add(sample, stamped)
+        if stamped.received_ns >= ns(now + late_s):
+            now = stamped.received_ns / 1e9
+            motion = run.stream.advance(stamped.received_ns, TICK_S)
+            assert np.abs(log(inverse(target(now)) @ motion.pose_sd)).max() < 1e-7
+
+
 def figure_of_eight(t: float) -> Array:
     """0.3 m x 0.15 m in 10 s, with turning tool; smooth start over the first second."""
     s = t - 0.5 if t > 1.0 else 2.5 * t**4 - 3.0 * t**5 + t**6

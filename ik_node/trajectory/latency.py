@@ -28,7 +28,8 @@ class Latency(NamedTuple):
     def at(self, time_ns: int) -> tuple[float, float]:
         """Latency [s] and its rate of change."""
         left = self.goal_s - self.value_s
-        change = LATENCY_RATE * (time_ns - self.time_ns) / NS
+        # a late tick asks for moments before the newest sample
+        change = LATENCY_RATE * max(0, time_ns - self.time_ns) / NS
         if abs(left) <= change:
             return self.goal_s, 0.0
         return (self.value_s + change, LATENCY_RATE) if left > 0.0 else (self.value_s - change, -LATENCY_RATE)

@@ -80,6 +80,11 @@ class RecordedCalls:
         self.head = self._read_head(name)
         self._inputs = {topic: entry for entry, topic in self.head.setup["inputs"].items()}
 
+    @property
+    def begins_with(self) -> Settings:
+        """Settings at the start."""
+        return self.head.settings
+
     def robot(self) -> Robot:
         """The robot of the run, a new one at every call; RobotError when its URDF cannot be read."""
         setup, prefix = self.head.setup, self.head.settings.arm.joint_prefix
@@ -87,7 +92,10 @@ class RecordedCalls:
 
     def controller(self, settings: Settings | None = None) -> Controller:
         """A controller that is where the recorded one was when the recording began; with other ``settings`` maybe."""
-        controller = Controller(self.robot(), settings or self.head.settings)
+        settings = settings or self.head.settings
+        if self.head.state is not None:  # which holds the obstacles; the file that they came from may be elsewhere
+            settings = settings.with_values({"obstacles.scene": ""})
+        controller = Controller(self.robot(), settings)
         if self.head.state is not None:
             controller.restore(self.head.state)
         return controller

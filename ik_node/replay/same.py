@@ -13,14 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ik_node.clock import NS
-from ik_node.controller import Controller
-from ik_node.errors import IkNodeError, RecordingError
-from ik_node.messages.decode import decode_string
+from ik_node.errors import RecordingError
 from ik_node.messages.step_codec import Call, StepEncoder, words_of
 from ik_node.plain_json import to_json
-from ik_node.recording.calls import BARE_CALLS, INPUTS, SETTINGS_CALLS, TEXT_CALLS
+from ik_node.recording.calls import INPUTS
 from ik_node.recording.environment import differences
 from ik_node.recording.events import Checkpoint, Event, RecordedCalls
+from ik_node.replay.source import make
 from ik_node.step import Step
 
 TOLERANCE = 1e-9
@@ -83,22 +82,6 @@ class Comparison:
     def holds(self) -> bool:
         """The same bits; on another machine or with other versions, the same but for rounding."""
         return self.ticks > 0 and (self.identical or (bool(self.elsewhere) and self.within_tolerance))
-
-
-def make(controller: Controller, recorded: RecordedCalls, event: Event) -> Step | None:
-    """Makes a recorded call."""
-    call, data = event.call, event.data
-    try:
-        if call.kind in INPUTS:
-            entry = INPUTS[call.kind]
-            return entry.make(controller, entry.decode(data), call.now)
-        if call.kind in TEXT_CALLS:
-            return TEXT_CALLS[call.kind](controller, decode_string(data), call.now)
-        if call.kind in SETTINGS_CALLS:
-            return SETTINGS_CALLS[call.kind](controller, recorded.settings(event), call.now)
-        return BARE_CALLS[call.kind](controller, call.now)
-    except IkNodeError:  # refused, as it was then
-        return None
 
 
 def replay(recorded: RecordedCalls) -> Comparison:

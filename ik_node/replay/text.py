@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from ik_node.recording.events import RecordedCalls
 from ik_node.replay.same import TOLERANCE, Comparison, Parting
+from ik_node.replay.what_if import Figures, OpenLoop
 
 _LONGEST = 300
 
@@ -70,3 +72,44 @@ def _parting(first: Parting) -> list[str]:
         f"          recorded {first.recorded[:_LONGEST]}",
         f"          replayed {first.replayed[:_LONGEST]}",
     ]
+
+
+_ROWS = (
+    ("position error rms [mm]", "position_rms_mm", ".3f"),
+    ("position error max [mm]", "position_max_mm", ".3f"),
+    ("orientation error rms [mrad]", "orientation_rms_mrad", ".3f"),
+    ("orientation error max [mrad]", "orientation_max_mrad", ".3f"),
+    ("kinetic energy mean [J]", "energy_mean_j", ".4g"),
+    ("kinetic energy max [J]", "energy_max_j", ".4g"),
+    ("clearance min [mm]", "clearance_min_mm", ".1f"),
+    ("s min", "scale_min", ".3f"),
+    ("ticks with s < 1 [%]", "scaled_percent", ".2f"),
+    ("peak joint speed [% of limit]", "peak_speed_percent", ".1f"),
+    ("peak joint speed [rad/s, m/s]", "peak_speed", ".3f"),
+    ("ticks with an error", "faults", "d"),
+)
+_LABEL = max(len(label) for label, _, _ in _ROWS)
+
+
+def closed_loop_table(found: Sequence[Figures], against: str) -> str:
+    """Runs beside each other; ``against``: what errors are measured by."""
+    width = max(16, *(len(run.name) for run in found))
+    lines = [
+        "what if   closed loop in the simulator, from the first recorded state, recorded targets and obstacles",
+        f"          errors against {against}",
+        "",
+        " " * _LABEL + "".join(f"  {run.name:>{width}}" for run in found),
+        f"{'method':<{_LABEL}}" + "".join(f"  {run.method:>{width}}" for run in found),
+    ]
+    for label, name, form in _ROWS:
+        lines.append(f"{label:<{_LABEL}}" + "".join(f"  {getattr(run, name):>{width}{form}}" for run in found))
+    return "\n".join(lines)
+
+
+def open_loop_table(found: Sequence[OpenLoop]) -> str:
+    """Differences from the recorded commands."""
+    lines = ["open loop: commands on the recorded joint states less the recorded commands; nothing moves"]
+    for run in found:
+        size = f"{run.difference_rms:.3g} rms, {run.difference_max:.3g} at most [rad/s, m/s]"
+        lines.append(f"  {run.name}: {size}, {run.ticks} ticks")
+    return "\n".join(lines)

@@ -23,18 +23,18 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.clock import NS, Instant, place
 from ik_node.control_law import IkDifference, IkMemory, twist_feedback
 from ik_node.controller_state import ControllerMemory, ControllerState
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.following import FollowMonitor
+from ik_node.frames import Frames
 from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
+from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
 from ik_node.limits import motion_limits
 from ik_node.memory import recall, remembered
 from ik_node.robot import Robot
-from ik_node.scene import obstacle, shape
 from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.status import StatusMemory
@@ -63,8 +63,10 @@ class Controller:
         self.states_refused = 0
         self._solver = TickSolver(robot, settings)
         self._ik = IkDifference(robot)
+        self._integral = IntegralAction()
         self._states = JointStateMerger(robot.joints, settings.state)
         self._targets = Targets(settings, robot)
+        self._frames = Frames(robot)
         self._supervision = Supervision()
         self._status = self._supervision.says
         self._tick = 0
@@ -79,6 +81,7 @@ class Controller:
         self._retry_ns = 0
         self._listeners = 1
         self._pace = 1.0
+        self._gives_up = False
         self._keep_targets = False
 
     @property
@@ -111,7 +114,7 @@ class Controller:
     def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
         """Takes a pose of the stream. Raises TargetRefused, and goes on with what it had, when it is unusable."""
         with self._refusals():
-            pose_sd = self._in_base(sample)
+            pose_sd = self._frames.place(sample, "target")
         stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS), round(TARGET_AHEAD_S * NS))
         self._status.flag("target stamps disagree with this clock; arrival counts", stamped.skew_ns != 0, now)
         if self._supervision.closed_loop:
@@ -120,36 +123,33 @@ class Controller:
     def on_target_path(self, sample: PathSample, now: Instant) -> None:
         """Takes a path. Raises TargetRefused naming the pose, and goes on with what it had."""
         with self._refusals():
-            self._targets.on_path(sample, self._frame_pose, now, self._ready().position)
+            self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
 
     def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
         """Takes a trajectory of poses and twists. Raises TargetRefused naming the point; goes on with what it had."""
         with self._refusals():
             self._ready()
-            self._targets.on_trajectory(sample, self._frame_pose, now)
+            self._targets.on_trajectory(sample, self._frames.pose, now)
 
     def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
         """Takes a twist to jog by. Raises TargetRefused, and goes on with what it had."""
         with self._refusals():
-            frame = twist_frame(self.robot, self._ready().position, self._known(sample.frame_id))
+            frame = twist_frame(self.robot, self._ready().position, self._frames.known(sample.frame_id))
             self._targets.on_twist(sample, frame, now)
 
     def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
         """Takes obstacles as they are now. Raises SceneError naming those that cannot be used; the others count."""
-        wrong = []
-        for sample in samples:
-            try:
-                self._take_obstacle(sample, now)
-            except InputError as error:
-                wrong.append(f"{sample.name}: {error}")
-        self._status.note("obstacles", f"obstacle refused: {'; '.join(wrong)}" if wrong else "")
+        max_age_ns = round(self.settings.target.max_age_s * NS)
+        wrong = self._solver.lookout.take(samples, self._frames, now, max_age_ns)
+        self._status.note("obstacles", f"obstacle refused: {wrong}" if wrong else "")
         if wrong:
-            raise SceneError("; ".join(wrong))
+            raise SceneError(wrong)
 
     def on_listeners(self, count: int, now: Instant) -> None:
         """Takes how many listen to the commands; a node that nobody listens to does not pretend to move an arm."""
         self._listeners = count
         if count == 0 and self._supervision.closed_loop:
+            self._keep_targets = True
             self._ramp_down(now, NOBODY_LISTENS)
 
     def on_clock(self, now: Instant) -> Step | None:
@@ -205,6 +205,7 @@ class Controller:
             remembered(self._status, StatusMemory),
             remembered(self._states, MergerMemory),
             remembered(self._ik, IkMemory),
+            remembered(self._integral, IntegralMemory),
             self._targets.state(),
             self._follow.memory(),
             self._solver.lookout.scene,
@@ -213,10 +214,12 @@ class Controller:
     def restore(self, state: ControllerState) -> None:
         """Goes on, bit for bit, where a controller of the same robot and settings was in ``state``."""
         recall(self, state.controller)
+        self._frames.position = None if self._state is None else self._state.position
         recall(self._supervision, state.supervision)
         recall(self._status, state.status)
         recall(self._states, state.joint_states)
         recall(self._ik, state.ik_difference)
+        recall(self._integral, state.integral)
         self._targets.restore(state.targets)
         self._follow.recall(state.follow)
         self._solver.lookout.scene = state.scene
@@ -236,6 +239,7 @@ class Controller:
             interval_s = (state.time_ns - self._state.time_ns) / NS
             self._interval_s += INTERVAL_SMOOTHING * (interval_s - self._interval_s)
         self._state = state
+        self._frames.position = state.position
         self._last_tick_ns = now.monotonic_ns
         if self._supervision.ramp is not None:
             return self._bare_step(now, self._supervision.ramp_velocity(now))
@@ -256,7 +260,8 @@ class Controller:
             self._follow.forget()
             self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
             self._ik.solution = None
-            self._pace = 1.0
+            self._integral.reset()
+            self._pace, self._gives_up = 1.0, False
             begin = self._targets.rest_at if self._keep_targets else self._targets.start
             begin(self.robot.pose(state.position), state.time_ns)
             self._keep_targets = False
@@ -292,7 +297,10 @@ class Controller:
             outcome = self._solver.follow_velocity(moment, wanted)
         else:
             self._ik.solution = None
-            outcome = self._solver.follow_twist(moment, law.twist_b)
+            frozen = self._pace < 1.0 or self._gives_up
+            twist_b = law.twist_b + self._integral.twist(law.error_b, elapsed_s, frozen, control)
+            law = law._replace(twist_b=twist_b)
+            outcome = self._solver.follow_twist(moment, twist_b)
         self._velocity, self._commanded_ns, self._pace = outcome.joint_velocity, now.monotonic_ns, outcome.scale
         self._say_what_happens(now, outcome, elapsed_s)
         self._tick += 1
@@ -322,8 +330,8 @@ class Controller:
         )
 
     def _say_what_happens(self, now: Instant, outcome: Outcome, elapsed_s: float) -> None:
-        near = bool(np.abs(outcome.lost_b).max() > 1e-6)
-        self._status.flag("near a singularity, part of the twist is given up", near, now)
+        self._gives_up = bool(np.abs(outcome.lost_b).max() > 1e-6)
+        self._status.flag("near a singularity, part of the twist is given up", self._gives_up, now)
         self._status.flag("slowed down by joint limits", outcome.scale < 1.0, now)
         self._status.flag("a joint limit had to give way", bool(outcome.conceded), now)
         self._status.flag("a command stood for longer than hold_periods", elapsed_s > self._solver.limits.dt_max_s, now)
@@ -340,40 +348,6 @@ class Controller:
     def _gain_needs_a_prompt_arm(self) -> bool:
         control = self.settings.control
         return control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS
-
-    def _take_obstacle(self, sample: ObstacleSample, now: Instant) -> None:
-        lookout = self._solver.lookout
-        if sample.action == "delete_all":
-            lookout.clear()
-        elif sample.action == "delete":
-            lookout.remove(sample.name)
-        elif sample.action == "add":
-            stamped = place(sample.stamp_ns, now, round(self.settings.target.max_age_s * NS))
-            expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
-            solid = shape(sample.kind, sample.size, sample.name)
-            pose_s = self._in_base(sample, "obstacle")
-            lookout.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
-        else:
-            raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
-
-    def _in_base(self, sample: PoseSample | ObstacleSample, what: str = "target") -> Array:
-        """The sample's pose seen from the base; frames that the arm moves are taken at the last measured position."""
-        pose = se3.pose_from(sample.position, sample.quaternion, what)
-        placed: Array = self._frame_pose(sample.frame_id) @ pose
-        return placed
-
-    def _frame_pose(self, frame: str) -> Array:
-        """T_sf of a frame of the model; InputError with the frames that there are."""
-        if self._known(frame) == self.robot.base_frame:
-            return np.eye(4)
-        if self._state is None:
-            raise InputError(f"frame '{frame}' cannot be placed before the first joint state")
-        return self.robot.frame_pose(self._state.position, frame)
-
-    def _known(self, frame: str) -> str:
-        if frame not in self.robot.frames:
-            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(sorted(self.robot.frames))}")
-        return frame
 
     def _ready(self) -> JointState:
         """The last joint state of an arm that a control law moves; TargetRefused otherwise."""
@@ -402,7 +376,7 @@ class Controller:
         moved = self._supervision.moving
         self._supervision.stop(level, reason)
         self._keep_targets = False
-        self._state = None
+        self._state = self._frames.position = None
         self._interval_s = self._period_s
         return self._bare_step(now, np.zeros(self.robot.n)) if moved else None
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ik_node.control_law import IkMemory
 from ik_node.following import FollowMemory
+from ik_node.integral import IntegralMemory
 from ik_node.joint_states import JointState, MergerMemory
 from ik_node.scene import Scene
 from ik_node.se3 import Array
@@ -32,6 +33,7 @@ class ControllerMemory(NamedTuple):
     retry_ns: int
     listeners: int
     pace: float
+    gives_up: bool
     keep_targets: bool
 
 
@@ -43,6 +45,7 @@ class ControllerState(NamedTuple):
     status: StatusMemory
     joint_states: MergerMemory
     ik_difference: IkMemory
+    integral: IntegralMemory
     targets: TargetsState
     follow: FollowMemory
     scene: Scene

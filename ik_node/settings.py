@@ -184,6 +184,24 @@ class ControlSettings(Group):
 
 
 @dataclass(frozen=True)
+class SingularitySettings(Group):
+    """How singularities are passed; lengths compare with singular values, rotations times characteristic_length."""
+
+    prefix: ClassVar[str] = "singularity"
+    threshold: float = setting(0.12, "Singular value of J_b below which its direction is looked after.", "m", 0.01, 1.0)
+    tolerance: float = setting(
+        0.003,
+        "Error that is cheaper than half a turn of the wrist: passing closer than this, V is not slowed down.",
+        "m",
+        1e-4,
+        0.1,
+    )
+    patience_s: float = setting(
+        2.5, "Time that slowing down may cost before the lost direction is let go.", "s", 0.0, 60.0
+    )
+
+
+@dataclass(frozen=True)
 class LimitSettings(Group):
     """What no command exceeds."""
 
@@ -312,7 +330,7 @@ class PathSettings(Group):
         2.0, "Angular acceleration along a path without times.", "rad/s2", 0.01, 100.0
     )
     max_ahead_s: float = setting(60.0, "A path that begins later than this from now is refused.", "s", 0.0, 1e5)
-    max_poses: int = setting(5000, "A path with more poses than this is refused.", "", 2, 100_000)
+    max_poses: int = setting(2000, "Longer paths are refused: taking 1000 poses costs 10 ms.", "", 2, 100_000)
 
 
 @dataclass(frozen=True)
@@ -390,6 +408,7 @@ class Settings:
 
     arm: ArmSettings = ArmSettings()
     control: ControlSettings = ControlSettings()
+    singularity: SingularitySettings = SingularitySettings()
     limits: LimitSettings = LimitSettings()
     obstacles: ObstacleSettings = ObstacleSettings()
     target: TargetSettings = TargetSettings()

@@ -6,11 +6,14 @@ import numpy as np
 
 from ik_node import collision
 from ik_node.clearance import Clearance, Closest
-from ik_node.errors import CollisionUnavailableError
+from ik_node.clock import Instant, place
+from ik_node.errors import CollisionUnavailableError, InputError
+from ik_node.frames import Frames
+from ik_node.inputs import ObstacleSample
 from ik_node.potentials.avoidance import Surroundings, look_around
 from ik_node.potentials.posture import centring, towards
 from ik_node.robot import Robot
-from ik_node.scene import Obstacle, Scene, read_scene
+from ik_node.scene import Scene, obstacle, read_scene, shape
 from ik_node.se3 import Array
 from ik_node.settings import ObstacleSettings
 
@@ -53,17 +56,32 @@ class Lookout:
         """Other settings from now on; what is read-only stays as it was."""
         self._settings = settings
 
-    def put(self, new: Obstacle) -> None:
-        """Adds an obstacle, or replaces the one of its name."""
-        self.scene = self.scene.put(new)
+    def take(self, samples: tuple[ObstacleSample, ...], frames: Frames, now: Instant, max_age_ns: int) -> str:
+        """Takes obstacles that arrive now; stamps older than ``max_age_ns`` are another clock's.
 
-    def remove(self, name: str) -> None:
-        """Takes an obstacle away; nothing happens where there is none of that name."""
-        self.scene = self.scene.remove(name)
+        Returns what is wrong with those that cannot be used, by name; the others count.
+        """
+        wrong = []
+        for sample in samples:
+            try:
+                self._take(sample, frames, now, max_age_ns)
+            except InputError as error:
+                wrong.append(f"{sample.name}: {error}")
+        return "; ".join(wrong)
 
-    def clear(self) -> None:
-        """Takes all obstacles away."""
-        self.scene = Scene()
+    def _take(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
+        if sample.action == "delete_all":
+            self.scene = Scene()
+        elif sample.action == "delete":
+            self.scene = self.scene.remove(sample.name)
+        elif sample.action == "add":
+            stamped = place(sample.stamp_ns, now, max_age_ns)
+            expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
+            solid = shape(sample.kind, sample.size, sample.name)
+            pose_s = frames.place(sample, "obstacle")
+            self.scene = self.scene.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
+        else:
+            raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
 
     def look(self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool) -> Surroundings | None:
         """Potential, dampers and clearance; see :func:`ik_node.potentials.avoidance.look_around`. None where blind."""

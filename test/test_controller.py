@@ -15,7 +15,7 @@ from ik_node import catalogue, se3
 from ik_node.clock import NS, Instant
 from ik_node.controller import Controller
 from ik_node.errors import SettingsError, TargetRefused
-from ik_node.inputs import JointSample, PoseSample
+from ik_node.inputs import JointSample, PathSample, PoseSample, TwistSample
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import ArmSettings, Settings
@@ -464,3 +464,108 @@ def test_a_prefix_stands_before_the_names_of_the_joints() -> None:
     loop = loop_of(robot)
     loop.run(0.1)
     assert loop.mode() is Mode.HOLDING
+
+
+# --- paths, twists, integral action -----------------------------------------------------------------------------------
+
+
+def path_through(loop: Loop, poses: list[Array], step_s: float, begin_s: float = 1.0) -> PathSample:
+    stamps = tuple(loop.now.ros_ns + round((begin_s + index * step_s) * NS) for index in range(len(poses)))
+    quaternions = np.array([se3.quaternion_from_rotation(pose[:3, :3]) for pose in poses])
+    positions = np.array([pose[:3, 3] for pose in poses])
+    return PathSample((loop.robot.base_frame,) * len(poses), stamps, positions, quaternions)
+
+
+def test_a_timed_path_is_followed_through_its_poses_and_then_held(panda: Robot) -> None:
+    loop = loop_of(panda)
+    trajectory = figure_of_eight(loop.pose())
+    poses = [trajectory.pose(0.25 * index) for index in range(41)]
+    path = path_through(loop, poses, 0.25)
+    loop.controller.on_target_path(path, loop.now)
+    loop.run(0.5)
+    assert loop.controller.status.reason != "no target yet"
+    loop.run(11.5)
+    assert "target_path is done" in loop.controller.status.reason
+    assert loop.mode() is Mode.HOLDING
+    assert np.abs(loop.pose() - poses[-1]).max() < 1e-5
+    stamps = np.array(path.stamps_ns) - (loop.now.ros_ns - loop.now.monotonic_ns)
+    times = np.array([step.state_time_ns for step in loop.steps])
+    for stamp, pose in list(zip(stamps, poses, strict=True))[4:-4:4]:
+        step = loop.steps[int(np.argmin(np.abs(times - stamp)))]
+        assert np.abs(step.pose_sb[:3, 3] - pose[:3, 3]).max() < 5e-4, "on its poses at their times"
+    assert max(step.path_distance for step in loop.steps[600:] if np.isfinite(step.path_distance)) < 1e-5
+
+
+def test_a_path_that_limits_slow_down_is_kept_and_takes_longer(panda: Robot) -> None:
+    loop = loop_of(panda, limits__velocity_fraction=0.06)
+    trajectory = figure_of_eight(loop.pose())
+    loop.controller.on_target_path(path_through(loop, [trajectory.pose(0.25 * i) for i in range(41)], 0.25), loop.now)
+    loop.run(40.0)
+    assert "target_path is done" in loop.controller.status.reason
+    assert any(step.scale < 1.0 for step in loop.steps)
+    distances = [step.path_distance for step in loop.steps if np.isfinite(step.path_distance)]
+    assert max(distances) < 2e-4
+
+
+def test_jogging_moves_as_told_and_ends_with_its_silence(panda: Robot) -> None:
+    loop = loop_of(panda)
+    begin = loop.pose()
+    turn = TwistSample(0, "panda_hand_tcp", np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5]))
+
+    def jog() -> None:
+        loop.controller.on_target_twist(turn, loop.now)
+
+    loop.run(3.0, jog)
+    assert loop.controller.status.reason == "jogging by target_twist"
+    loop.run(2.0)
+    assert loop.mode() is Mode.HOLDING
+    assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-6
+    turned = se3.log(se3.inverse(begin) @ loop.pose())
+    assert turned[5] > 1.2
+    assert max(float(np.linalg.norm(s.pose_sb[:3, 3] - begin[:3, 3])) for s in loop.steps) < 1e-4, (
+        "the tool point stays"
+    )
+
+
+def test_a_path_is_refused_while_the_arm_is_paused(panda: Robot) -> None:
+    loop = loop_of(panda)
+    path = path_through(loop, [loop.pose(), loop.pose()], 1.0)
+    loop.controller.pause(loop.now)
+    loop.run(0.1)
+    with pytest.raises(TargetRefused, match="the arm is paused"):
+        loop.controller.on_target_path(path, loop.now)
+
+
+def test_a_path_goes_on_where_it_was_when_the_robot_follows_again(panda: Robot) -> None:
+    """Nobody listens for a while: the path's time stands still, and it is done later but wholly."""
+    loop = loop_of(panda)
+    trajectory = figure_of_eight(loop.pose())
+    loop.controller.on_target_path(path_through(loop, [trajectory.pose(0.5 * i) for i in range(21)], 0.5), loop.now)
+    loop.run(5.0)
+    before = loop.steps[-1].progress
+    loop.controller.on_listeners(0, loop.now)
+    loop.run(3.0)
+    loop.controller.on_listeners(1, loop.now)
+    loop.run(0.2)
+    assert loop.mode() is Mode.TRACKING
+    assert loop.steps[-1].progress == pytest.approx(before, abs=0.1)
+    loop.run(12.0)
+    assert "target_path is done" in loop.controller.status.reason
+    rate = np.abs(np.diff([step.joint_velocity for step in loop.steps], axis=0)).max() * NS / loop.period_ns
+    assert rate <= 10.0 * (1 + 1e-9)
+
+
+def test_integral_action_takes_out_what_a_biased_arm_leaves(panda: Robot) -> None:
+    """An arm that drifts by itself: proportional feedback leaves an error, integral action none."""
+    left = []
+    for gain in (0.0, 10.0):
+        loop = loop_of(panda, gain_integral_linear=gain, gain_integral_angular=gain, follow__enabled=False)
+        drift = 0.02 * np.array([1.0, -1.0, 0.5, 0.3, 0.0, 0.2, 0.0])
+        loop.target(loop.pose())
+        for _ in range(2500):
+            step = loop.tick()
+            assert step is not None
+            loop.arm.command(step.joint_velocity + drift, loop.time_ns)
+        left.append(float(np.linalg.norm(loop.steps[-1].error_b)))
+    assert left[0] > 1e-3
+    assert left[1] < 0.05 * left[0]

@@ -71,6 +71,9 @@ class CallKind(IntEnum):
     APPLY = 7
     ON_OBSTACLES = 8
     ON_LISTENERS = 9
+    ON_TARGET_PATH = 10
+    ON_TARGET_TRAJECTORY = 11
+    ON_TARGET_TWIST = 12
 
 
 class Call(NamedTuple):

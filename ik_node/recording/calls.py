@@ -13,6 +13,14 @@ from ik_node.clock import Instant
 from ik_node.controller import Controller
 from ik_node.messages.decode import decode_joint_state, decode_pose
 from ik_node.messages.decode_scene import MARKERS_TYPE, decode_obstacles
+from ik_node.messages.decode_targets import (
+    PATH_TYPE,
+    TRAJECTORY_TYPE,
+    TWIST_TYPE,
+    decode_path,
+    decode_trajectory,
+    decode_twist,
+)
 from ik_node.messages.step_codec import CallKind
 from ik_node.settings import Settings
 from ik_node.step import Step
@@ -43,6 +51,13 @@ INPUTS: Mapping[CallKind, Input] = {
     ),
     CallKind.ON_TARGET_POSE: Input(
         TARGET_POSE, "~/target_pose", "geometry_msgs/msg/PoseStamped", decode_pose, Controller.on_target_pose, True
+    ),
+    CallKind.ON_TARGET_PATH: Input("target_path", "~/target_path", PATH_TYPE, decode_path, Controller.on_target_path),
+    CallKind.ON_TARGET_TRAJECTORY: Input(
+        "target_trajectory", "~/target_trajectory", TRAJECTORY_TYPE, decode_trajectory, Controller.on_target_trajectory
+    ),
+    CallKind.ON_TARGET_TWIST: Input(
+        "target_twist", "~/target_twist", TWIST_TYPE, decode_twist, Controller.on_target_twist, True
     ),
     CallKind.ON_OBSTACLES: Input(OBSTACLES, "~/obstacles", MARKERS_TYPE, decode_obstacles, Controller.on_obstacles),
 }

@@ -60,7 +60,8 @@ class TargetsState(NamedTuple):
     changes_ns: tuple[int, ...]
     """When command last changed between those two."""
     time_ns: int
-    route_remark: str
+    remark: str
+    """What a person should know about the last path or twist."""
     stream: StreamState
     path: PathState
     jog: JogState
@@ -78,7 +79,7 @@ class Targets:
         self._source = self._rival = Source.NONE
         self._changes_ns: tuple[int, ...] = ()
         self._time_ns = 0
-        self._route_remark = ""
+        self._remark = ""
 
     def configure(self, settings: Settings) -> None:
         """Other settings from now on; whoever is in command goes on."""
@@ -94,7 +95,7 @@ class Targets:
             self._rival,
             self._changes_ns,
             self._time_ns,
-            self._route_remark,
+            self._remark,
             self._stream.state(),
             self._path.state(),
             self._jog.state(),
@@ -102,7 +103,7 @@ class Targets:
 
     def restore(self, state: TargetsState) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._source, self._rival, self._changes_ns, self._time_ns, self._route_remark = state[:5]
+        self._source, self._rival, self._changes_ns, self._time_ns, self._remark = state[:5]
         self._stream.restore(state.stream)
         self._path.restore(state.path)
         self._jog.restore(state.jog)
@@ -112,8 +113,9 @@ class Targets:
     def start(self, pose_sd: Array, time_ns: int) -> None:
         """Nobody in command, at rest at ``pose_sd`` (4, 4); everything else is forgotten."""
         self._source = self._rival = Source.NONE
-        self._changes_ns, self._route_remark, self._time_ns = (), "", time_ns
+        self._changes_ns, self._remark, self._time_ns = (), "", time_ns
         self._stream.start(pose_sd, time_ns)
+        self._path.forget()
         self._jog.begin(_resting(pose_sd), time_ns)
 
     def rest_at(self, pose_sd: Array, time_ns: int) -> None:
@@ -168,12 +170,13 @@ class Targets:
             self._take_command(Source.TWIST, now.monotonic_ns)
             self._jog.begin(reference, self._time_ns)
         self._jog.add(twist, frame, stamped)
+        self._remark = "stamps of target_twist disagree with this clock; arrival counts" if stamped.skew_ns else ""
 
     def _follow(self, route: Route, source: Source, now: Instant, q: Array | None = None) -> None:
         reference = self._motion()
         self._path.begin(route, reference, self._time_ns, q)
         self._take_command(source, now.monotonic_ns)
-        self._route_remark = route.remark
+        self._remark = route.remark
 
     def _take_command(self, source: Source, time_ns: int) -> None:
         if source is self._source:
@@ -181,7 +184,9 @@ class Targets:
         between_two = source is self._rival
         self._changes_ns = (*self._changes_ns, time_ns)[-TURNS:] if between_two else (time_ns,)
         self._source, self._rival = source, self._source
-        self._route_remark = ""
+        self._remark = ""
+        if not self._on_path:
+            self._path.forget()
 
     # --- ticks -------------------------------------------------------------------------------------------------------
 
@@ -257,8 +262,8 @@ class Targets:
             found.append("target_twist is cut to jog.max_linear_speed and jog.max_angular_speed")
         if self._source is Source.TWIST and self._jog.leashed:
             found.append("the tool cannot follow target_twist")
-        if self._on_path and self._route_remark:
-            found.append(self._route_remark)
+        if self._remark:
+            found.append(self._remark)
         return tuple(found)
 
     @property

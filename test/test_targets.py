@@ -259,6 +259,19 @@ def test_stamps_in_the_past_are_remarked() -> None:
     assert run.targets.reason == "following target_path"
 
 
+def test_stamps_from_another_clock_are_remarked() -> None:
+    run = Run()
+    for stamp_ns, remarks in (
+        (run.now.ros_ns - 3600 * NS, ("stamps of target_twist disagree with this clock; arrival counts",)),
+        (run.now.ros_ns, ()),
+    ):
+        run.targets.on_twist(TwistSample(stamp_ns, "base", np.array([0.1, 0, 0, 0, 0, 0])), BASE, run.now)
+        run.tick()
+        assert run.targets.remarks == remarks
+    run.path(begin_s=-ROS_NS / NS)
+    assert run.targets.remarks == (), "stamps that count from 0 are times from the start"
+
+
 @pytest.mark.parametrize("name", SENDERS)
 def test_after_standing_still_it_goes_on_from_where_the_arm_is(name: str) -> None:
     run = Run()

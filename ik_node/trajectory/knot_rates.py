@@ -78,7 +78,7 @@ def _least_bending(steps: Array, ways: Array, turns: Array, free: tuple[bool, bo
         renewed = solver.solve(right, rates[0] / h[0], rates[-1] / h[-1])
         change = float(np.abs(renewed - rates[1:-1]).max(initial=0.0))
         rates[1:-1] = renewed
-        if change < SETTLED:
+        if change < SETTLED or not turns.any():
             break
     ends = inverse_right_jacobian(turns, rates[1:])
     first = (6.0 * slopes - 4.0 * rates[:-1] - 2.0 * ends) / h

@@ -115,6 +115,10 @@ class PathFollower:
         self._state = dataclasses.replace(state)
         self._timed = None if state.knots is None else TimedPath(state.knots, state.law)
 
+    def forget(self) -> None:
+        """No path any more."""
+        self._state, self._timed = PathState(), None
+
     # --- beginning ---------------------------------------------------------------------------------------------------
 
     def begin(self, route: Route, reference: RigidMotion, time_ns: int, q: Array | None = None) -> None:
@@ -217,9 +221,9 @@ class PathFollower:
             return
         if s.search is not None:
             s.search = self._timing.go_on(self._path.spline, s.search)
-            if is_done(s.search):
-                self._set_law()
-            return
+            if not is_done(s.search):
+                return
+            self._set_law()
         begin_ns = s.begin_ns
         if begin_ns is not None and time_ns < begin_ns:
             return

@@ -28,6 +28,8 @@ FARTHEST_M = 100.0
 """Positions further from {s} are no target of an arm."""
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
 """Stamps and twists that ask for more than this are a mistake. What the arm cannot do slows the path down instead."""
+SHORT_AFTER_EPOCH_NS = 365 * 86_400 * NS
+"""Stamps before this are no dates but times from the start of the path."""
 
 
 class Route(NamedTuple):
@@ -172,9 +174,10 @@ def _times(times_ns: list[int]) -> Array:
 
 
 def _begin(name: str, first_ns: int, last_ns: int, now: Instant, settings: PathSettings) -> tuple[int | None, str]:
-    """When a path with these first and last stamps (ROS time) begins on the monotonic clock."""
+    """When a path with these first and last stamps (ROS time) begins on the monotonic clock, and what to remark."""
     if last_ns <= now.ros_ns:
-        return None, f"stamps of {name} are in the past altogether; it began on arrival"
+        relative = first_ns < SHORT_AFTER_EPOCH_NS
+        return None, "" if relative else f"stamps of {name} are in the past altogether; it began on arrival"
     ahead_s = (first_ns - now.ros_ns) / NS
     if ahead_s > settings.max_ahead_s:
         raise TargetRefused(f"it begins in {ahead_s:.6g} s; path.max_ahead_s is {settings.max_ahead_s:g}")

@@ -11,12 +11,10 @@ with omega written in the turned frame. Near a = 0 the coefficients are series, 
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from ik_node.se3 import Array
-from ik_node.trajectory.rotations import Quaternion, conjugate, from_matrix, multiply, to_vector
+from ik_node.trajectory.rotations import Quaternion, from_matrix
 
 
 def orientations_of(rotations: Array) -> tuple[Quaternion, ...]:
@@ -26,9 +24,15 @@ def orientations_of(rotations: Array) -> tuple[Quaternion, ...]:
 
 def turns_between(orientations: tuple[Quaternion, ...]) -> Array:
     """Rotation vectors (N - 1, 3) of the shortest turns from each orientation to the next, in the former's frame."""
-    pairs = pairwise(orientations)
-    vectors = [to_vector(multiply(conjugate(before), after)) for before, after in pairs]
-    return np.array(vectors).reshape(-1, 3)
+    quaternions = np.array(orientations)
+    aw, a = quaternions[:-1, :1], quaternions[:-1, 1:]
+    bw, b = quaternions[1:, :1], quaternions[1:, 1:]
+    w = aw * bw + (a * b).sum(axis=1, keepdims=True)
+    axis = np.where(w < 0.0, -1.0, 1.0) * (aw * b - bw * a - _cross(a, b))
+    sine, cosine = np.sqrt((axis * axis).sum(axis=1, keepdims=True)), np.abs(w)
+    small = sine < 1e-9
+    factor = np.where(small, 2.0, 2.0 * np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    return np.asarray(axis * factor)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -41,6 +41,8 @@ SMALL_STEP = np.array((1.5e-3, 5e-3)) ** 2
 """Added to the mean squared step [m2, rad2] that errors are compared with: errors far below that do not matter."""
 LEARNING = 5
 """Scored samples after which that is begun: the first ones tell of the beginning, not of the target."""
+LEARNING_REGULAR = 9
+"""The same on the regular times, which have to be learnt first."""
 SHARPNESS = 12
 """Weight of a predictor: mean squared error to the power of minus this."""
 BENEFIT = 0.75
@@ -236,7 +238,7 @@ def _scored(bank: Bank) -> Bank:
     changes = bool((raw < PREFERENCE * regular) if bank.regular else (regular < PREFERENCE * raw))
     step = np.square((length(difference(now.position, then.position)), length(turn)))
     bank = bank._replace(scored=now, errors=errors, weight=weight, regular=bank.regular != changes)
-    if bank.known <= LEARNING:
+    if bank.known <= (LEARNING_REGULAR if bank.regular else LEARNING):
         return bank
     moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
     kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving

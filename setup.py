@@ -38,7 +38,11 @@ setup(
         "matplotlib",
         "PyYAML",
     ],
-    extras_require={"ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"]},
+    extras_require={
+        "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
+        "view": ["viser", "trimesh", "pycollada"],
+        "benchmark": ["scipy"],
+    },
     entry_points={
         "console_scripts": [
             f"{'ik_node' if name == 'node' else f'ik_{name}'} = ik_node.cli.{name}:main" for name in EXECUTABLES

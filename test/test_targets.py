@@ -203,6 +203,58 @@ def test_the_reference_is_continuous_in_pose_and_velocity_whoever_takes_over(fir
     assert moved.max() > 1e-5, "it moved, or this tests nothing"
 
 
+@pytest.mark.parametrize("name", ["path", "trajectory", "twist"])
+def test_a_fast_reference_stops_soon_whoever_takes_over(name: str) -> None:
+    """0.8 m/s and 1.5 rad/s: at the usual 2 m/s2 that would take 0.16 m, and longer than that for its acceleration."""
+    run = Run()
+
+    def stream() -> None:
+        elapsed_s = (run.time_ns - NS) / NS
+        pose = START @ se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.5 * elapsed_s]))
+        pose[1, 3] = START[1, 3] + 0.8 * elapsed_s
+        run.pose(pose)
+
+    run.go(0.5, stream)
+    begin = len(run.poses)
+    speed = np.linalg.norm(run.twists[-1].reshape(2, 3), axis=1)
+    assert speed == pytest.approx((0.8, 1.5), abs=0.1)
+    if name == "twist":
+        run.twist(1e-9, 0.0, 0.0, 0.0, 0.0, 0.0)
+    else:
+        SENDERS[name](run)
+    run.go(1.0)
+    way = np.array([pose[1, 3] for pose in run.poses[begin:]]) - run.poses[begin][1, 3]
+    turned = [se3.log_rotation(run.poses[begin][:3, :3].T @ pose[:3, :3])[2] for pose in run.poses[begin:]]
+    assert way.max() < 0.1
+    assert max(turned) < 0.25
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_comes_the_reference_does_not_jump(seed: int) -> None:
+    """Inputs at random; the highest bounds are those of the stream."""
+    generator, run = np.random.default_rng(seed), Run()
+    stream_until, twist_until, twist = 0, 0, np.zeros(6)
+    for tick in range(1500):
+        choice = generator.random()
+        if choice < 0.004:
+            run.path(float(generator.choice([-3000.0, -0.5, -0.1, 0.0, 0.05, 0.5])), float(generator.uniform(0.8, 3.0)))
+        elif choice < 0.006:
+            run.trajectory()
+        elif choice < 0.01:
+            stream_until = tick + int(generator.integers(10, 500))
+        elif choice < 0.014:
+            twist_until, twist = tick + int(generator.integers(10, 500)), 0.2 * generator.normal(size=6)
+        if tick < stream_until and tick % 25 == 0:
+            run.pose()
+        elif tick < twist_until and tick % 10 == 0:
+            run.twist(*twist)
+        run.tick()
+    twists = np.array([in_base(pose, twist_d) for pose, twist_d in zip(run.poses, run.twists, strict=True)])
+    accelerations = np.linalg.norm(np.diff(twists, axis=0).reshape(-1, 2, 3), axis=2) / TICK_S
+    assert (accelerations.max(axis=0) < (10.1, 25.1)).all()
+    assert (accelerations.max(axis=0) > (1.0, 3.0)).all(), "it moved, or this tests nothing"
+
+
 def test_two_inputs_at_once_are_noticed() -> None:
     run = Run()
     run.go(0.5, run.pose)

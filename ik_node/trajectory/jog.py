@@ -17,7 +17,19 @@ from ik_node.clock import NS, Stamped
 from ik_node.se3 import Array
 from ik_node.settings import JogSettings
 from ik_node.trajectory.motion import Motion
-from ik_node.trajectory.offset import LONGEST_STEP_S, OMEGA, Limits, cross, likely_part, part_of_way, rotate, slowed
+from ik_node.trajectory.offset import (
+    LONGEST_STEP_S,
+    OMEGA,
+    Limits,
+    cross,
+    cut,
+    likely_part,
+    part_of_way,
+    rotate,
+    slowed,
+    strengthened,
+    within,
+)
 from ik_node.trajectory.reference import Bounds, Jerk, RigidMotion, chase, mean_twist, move, pose_of
 from ik_node.trajectory.rotations import (
     IDENTITY,
@@ -66,6 +78,8 @@ class JogState:
     lead_turn: Vector = ZERO
     """The same for the orientation [rad]."""
     pace: float = 1.0
+    limits: Limits | None = None
+    """What holds until a reference that was fast at the start has slowed down; None for the usual ones."""
 
 
 class Jog:
@@ -93,12 +107,14 @@ class Jog:
 
     def begin(self, reference: RigidMotion, time_ns: int) -> None:
         """From now on; comes to rest from how ``reference`` moves until a twist comes."""
-        self._state = JogState(time_ns=time_ns, motion=reference)
+        raised = strengthened(self._limits, reference)
+        self._state = JogState(time_ns=time_ns, motion=within(reference, raised), limits=raised)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
         """Goes on with the same twist from somewhere else."""
         s = self._state
         s.time_ns, s.motion, s.plan, s.lead, s.lead_turn, s.pace = time_ns, reference, (), ZERO, ZERO, 1.0
+        s.limits = None
 
     def add(self, twist: Array, frame: TwistFrame, stamped: Stamped) -> None:
         """A checked twist (6,), linear part first, in the axes of ``frame``."""
@@ -106,8 +122,8 @@ class Jog:
         turn = from_matrix(frame.rotation)
         x, y, z, a, b, c = twist.tolist()
         linear, angular = rotate(turn, (x, y, z)), rotate(turn, (a, b, c))
-        s.velocity = _cut(linear, self._settings.max_linear_speed)
-        s.rate = _cut(angular, self._settings.max_angular_speed)
+        s.velocity = cut(linear, self._settings.max_linear_speed)
+        s.rate = cut(angular, self._settings.max_angular_speed)
         s.cut = s.velocity != linear or s.rate != angular
         s.in_tool = frame.in_tool
         s.until_ns = min(stamped.time_ns, stamped.received_ns) + round(self._settings.timeout_s * NS)
@@ -120,6 +136,8 @@ class Jog:
         """
         self._catch_up(time_ns, pace)
         s = self._state
+        if s.limits is not None and self._is_slow(s.motion):
+            s.limits = None
         if pose_sb is not None:
             x, y, z = pose_sb[:3, 3].tolist()
             s.lead = difference(s.motion.position, (x, y, z))
@@ -149,18 +167,20 @@ class Jog:
     def _ahead(self, motion: RigidMotion, duration_s: float) -> tuple[RigidMotion, tuple[Jerk, ...]]:
         steps = max(1, ceil(duration_s / LONGEST_STEP_S - 1e-9))
         step_s = duration_s / steps
+        limits = self._state.limits or self._limits
         plan = []
         for _ in range(steps):
             velocity, rate, change = self._wanted(motion.orientation)
-            linear = chase(
-                ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, self._limits.linear, step_s
-            )
-            angular = chase(
-                ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, self._limits.angular, step_s
-            )
+            linear = chase(ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s)
+            angular = chase(ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s)
             plan.append(Jerk(linear, angular, step_s))
             motion = move(motion, plan[-1], step_s)
         return motion, tuple(plan)
+
+    def _is_slow(self, motion: RigidMotion) -> bool:
+        """Whether the usual limits can take over."""
+        fast = length(motion.velocity) > self._limits.linear.speed or length(motion.rate) > self._limits.angular.speed
+        return not fast and within(motion, self._limits) == motion
 
     def _wanted(self, orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
         """Velocity, angular velocity and the velocity's change that is due to the tool's turning, in {s}."""
@@ -193,14 +213,6 @@ class Jog:
     def motion(self) -> RigidMotion:
         """The reference now, as the arm follows it."""
         return slowed(self._state.motion, self._state.pace, 0.0)
-
-
-def _cut(vector: Vector, longest: float) -> Vector:
-    size = length(vector)
-    if size <= longest:
-        return vector
-    factor = longest / size
-    return (vector[0] * factor, vector[1] * factor, vector[2] * factor)
 
 
 def _leashed(velocity: Vector, lead: Vector, leash: float) -> Vector:

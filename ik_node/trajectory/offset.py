@@ -6,8 +6,12 @@ The reference is the motion and an offset from it ::
 
 d and E have velocity and acceleration of their own, taken over at the start so that the reference goes on as it was,
 and are led to zero by the bounded third-order cascade of :mod:`ik_node.trajectory.reference`. So the reference has a
-continuous acceleration; where the motion rests it gets there straight and by the shortest turn; then it is exactly on
-the motion.
+continuous velocity; where the motion rests it gets there straight and by the shortest turn; then it is exactly on the
+motion.
+
+Acceleration is continuous too, but for what is above the bounds when an offset begins: carried on, it would have to be
+ended by the bounded jerk, and the arm would run on meanwhile. For the same reason a reference that is fast at that
+moment may brake harder than the bounds say.
 """
 
 from __future__ import annotations
@@ -35,6 +39,10 @@ OMEGA = 20.0
 """Triple pole of the offset [1/s]."""
 LONGEST_STEP_S = 0.004
 """A jerk is held no longer than this; longer intervals are cut."""
+BRAKING_S = 0.15
+"""The acceleration bound is raised, jerk with it, until it ends the velocity in this time ..."""
+STRONGEST = 5.0
+"""... but not to more than so many times itself."""
 LEAST_PART = 0.02
 """A reference that is held up looks at least this part of an interval ahead."""
 GONE = 1e-10
@@ -53,14 +61,15 @@ class Offset(NamedTuple):
 
     motion: RigidMotion
     """d and E with their derivatives, all in {s}."""
+    limits: Limits
     turn: Vector = ZERO
     """Last error of orientation [rad]."""
     plan: tuple[Jerk, ...] = ()
     """Jerks to come, as promised."""
 
 
-def between(reference: RigidMotion, motion: RigidMotion) -> Offset:
-    """The offset of ``reference`` from ``motion``, with its derivatives."""
+def between(reference: RigidMotion, motion: RigidMotion, limits: Limits) -> Offset:
+    """The offset of ``reference`` from ``motion``, with its derivatives, to be led to zero within ``limits``."""
     turn = normalised(multiply(reference.orientation, conjugate(motion.orientation)))
     rate = rotate(turn, motion.rate)
     change = _add(rotate(turn, motion.angular_acceleration), cross(difference(reference.rate, rate), rate))
@@ -72,7 +81,26 @@ def between(reference: RigidMotion, motion: RigidMotion) -> Offset:
         difference(reference.rate, rate),
         difference(reference.angular_acceleration, change),
     )
-    return Offset(offset)
+    raised = strengthened(limits, offset)
+    return Offset(within(offset, raised), raised)
+
+
+def strengthened(limits: Limits, motion: RigidMotion) -> Limits:
+    """``limits`` with the acceleration that it takes to bring ``motion`` to rest soon."""
+    return Limits(_stronger(limits.linear, motion.velocity), _stronger(limits.angular, motion.rate))
+
+
+def _stronger(bounds: Bounds, velocity: Vector) -> Bounds:
+    factor = min(max(length(velocity) / (BRAKING_S * bounds.acceleration), 1.0), STRONGEST)
+    return bounds._replace(acceleration=bounds.acceleration * factor, jerk=bounds.jerk * factor)
+
+
+def within(motion: RigidMotion, limits: Limits) -> RigidMotion:
+    """``motion`` with its accelerations cut to ``limits``."""
+    return motion._replace(
+        acceleration=cut(motion.acceleration, limits.linear.acceleration),
+        angular_acceleration=cut(motion.angular_acceleration, limits.angular.acceleration),
+    )
 
 
 def composed(motion: RigidMotion, offset: Offset | None) -> RigidMotion:
@@ -100,7 +128,7 @@ def placed(position: Vector, orientation: Quaternion, d: RigidMotion | None) -> 
     return RigidMotion(_add(position, d.position), orientation=turned)
 
 
-def advanced(offset: Offset, elapsed_s: float, pace: float, limits: Limits) -> Offset | None:
+def advanced(offset: Offset, elapsed_s: float, pace: float) -> Offset | None:
     """The offset ``elapsed_s`` later: as planned first, and on from there; None when it has become nothing.
 
     Only the part ``pace`` of its way is gone, as the arm does.
@@ -115,16 +143,16 @@ def advanced(offset: Offset, elapsed_s: float, pace: float, limits: Limits) -> O
         if left_s <= 0.0:
             break
     if left_s > 1e-9:
-        motion, turn, _ = _ahead(motion, turn, left_s, limits)
+        motion, turn, _ = _ahead(motion, turn, left_s, offset.limits)
     if pace < 1.0:
         motion = part_of_way(before, motion, pace)
-    return None if _is_gone(motion) else Offset(motion, turn)
+    return None if _is_gone(motion) else Offset(motion, offset.limits, turn)
 
 
-def planned(offset: Offset, hold_s: float, limits: Limits) -> tuple[Offset, RigidMotion]:
+def planned(offset: Offset, hold_s: float) -> tuple[Offset, RigidMotion]:
     """With the plan for the ``hold_s`` to come; and where it then will be."""
-    motion, turn, plan = _ahead(offset.motion, offset.turn, hold_s, limits)
-    return Offset(offset.motion, turn, plan), motion
+    motion, turn, plan = _ahead(offset.motion, offset.turn, hold_s, offset.limits)
+    return Offset(offset.motion, offset.limits, turn, plan), motion
 
 
 def is_near(offset: Offset, distance_m: float, angle_rad: float) -> bool:
@@ -200,6 +228,12 @@ def _is_gone(motion: RigidMotion) -> bool:
 
 def _add(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def cut(vector: Vector, longest: float) -> Vector:
+    """``vector``, no longer than that."""
+    size = length(vector)
+    return vector if size <= longest else _scaled(vector, longest / size)
 
 
 def _scaled(a: Vector, factor: float) -> Vector:

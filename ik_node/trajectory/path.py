@@ -138,14 +138,14 @@ class PathFollower:
         entry_s = 0.0
         if route.begin_ns is not None and due:
             entry_s = min((time_ns - route.begin_ns) / NS, path.end_s)
-        s.offset = between(reference, path.resting(entry_s))
+        s.offset = between(reference, path.resting(entry_s), self._limits)
         if due and self._is_joinable() and s.search is None:
             self._join(reference, entry_s)
             return
         if moving:
             self._set_knots(route, False)
         self._set_clock(0.0, is_moving(self._path.motion(0.0)))
-        s.offset = between(reference, self._path.resting(0.0))
+        s.offset = between(reference, self._path.resting(0.0), self._limits)
 
     def _set_knots(self, route: Route, moving_start: bool) -> None:
         knots = route.knots or through_poses(route.times_s, route.positions, route.orientations, moving_start)
@@ -165,7 +165,7 @@ class PathFollower:
         """Goes on with the path from somewhere else."""
         s = self._state
         s.time_ns, s.pace = time_ns, 1.0
-        s.offset = between(reference, self._goal())
+        s.offset = between(reference, self._goal(), self._limits)
 
     def _is_joinable(self) -> bool:
         offset = self._state.offset
@@ -177,7 +177,7 @@ class PathFollower:
         goal, still = path.motion(entry_s), path.resting(entry_s)
         self._set_clock(entry_s, is_moving(goal) and _jump(reference, still) < _jump(reference, goal))
         s.clock_s = 0.0
-        s.offset = between(reference, self._goal())
+        s.offset = between(reference, self._goal(), self._limits)
 
     def _set_clock(self, entry_s: float, rise: bool) -> None:
         path = self._path
@@ -199,7 +199,7 @@ class PathFollower:
         begin, end = self._path_time(s.clock_s), self._path_time(self._clock_after(part * hold_s))
         offset, offset_after = None, None
         if s.offset is not None:
-            s.offset, offset_after = planned(s.offset, hold_s, self._limits)
+            s.offset, offset_after = planned(s.offset, hold_s)
             offset = s.offset.motion
             offset_after = part_of_way(offset, offset_after, part)
         now = placed(*path.pose(begin), offset)
@@ -214,7 +214,7 @@ class PathFollower:
         before_ns, elapsed_s = s.time_ns, min(max((time_ns - s.time_ns) / NS, 0.0), LONGEST_GAP_S)
         s.pace = pace
         if s.offset is not None:
-            s.offset = advanced(s.offset, elapsed_s, pace, self._limits)
+            s.offset = advanced(s.offset, elapsed_s, pace)
         s.time_ns = max(s.time_ns, time_ns)
         if s.clock_s is not None:
             s.clock_s += pace * elapsed_s

@@ -247,7 +247,7 @@ class Targets:
         if self._path.timing:
             return f"finding times for {name}"
         if self._path.waiting:
-            return f"{name} begins later; waiting at its start" if self._path.early else f"going to the start of {name}"
+            return f"there, but {name} begins later" if self._path.early else f"going to {name}"
         return f"following {name}"
 
     @property

@@ -353,6 +353,31 @@ def test_while_the_limits_slow_the_arm_the_path_waits_and_its_geometry_is_kept()
     assert np.abs(run.tool - poses[-1]).max() < 1e-6
 
 
+def test_after_a_stop_the_path_goes_on_where_it_was_left() -> None:
+    """The arm was stopped, and pushed aside: back straight, and then the rest of the geometry."""
+    times = np.linspace(0.0, 4.0, 65)
+    poses = [screw(time) for time in times.tolist()]
+    run = Run(route(path_of(poses, times.tolist())), resting(poses[0])).go(1.7)
+    left, done = run.tool, run.follower.progress
+    aside = left.copy()
+    aside[2, 3] += 0.05
+    run.tool = aside
+    run.follower.rest_at(resting(aside), run.time_ns)
+    begin = len(run.poses)
+    run.go(2.0)
+    assert run.follower.waiting
+    assert run.follower.progress == pytest.approx(done, abs=1e-3), "it is not left out, nor begun anew"
+    run.go(9.0)
+    assert run.follower.finished
+    assert np.abs(run.tool - poses[-1]).max() < 1e-6
+    moved = np.array([pose[:3, 3] for pose in run.poses[begin:]])
+    assert np.abs(moved[0] - aside[:3, 3]).max() < 1e-9
+    speeds = np.linalg.norm(np.diff(moved, axis=0), axis=1) / TICK_S
+    assert np.abs(np.diff(speeds)).max() / TICK_S < 3.0
+    for pose in poses[29:]:
+        assert np.linalg.norm(moved - pose[:3, 3], axis=1).min() < 1e-3
+
+
 def test_late_says_how_much() -> None:
     times = np.linspace(0.0, 4.0, 65)
     poses = [screw(time) for time in times.tolist()]

@@ -21,6 +21,7 @@ from ik_node.trajectory.offset import (
     LONGEST_STEP_S,
     OMEGA,
     Limits,
+    bounds,
     cross,
     cut,
     likely_part,
@@ -30,7 +31,7 @@ from ik_node.trajectory.offset import (
     strengthened,
     within,
 )
-from ik_node.trajectory.reference import Bounds, Jerk, RigidMotion, chase, mean_twist, move, pose_of
+from ik_node.trajectory.reference import Jerk, RigidMotion, chase, mean_twist, move, pose_of
 from ik_node.trajectory.rotations import (
     IDENTITY,
     ZERO,
@@ -93,8 +94,8 @@ class Jog:
         """Other settings from now on."""
         s = self._settings = settings
         self._limits = Limits(
-            Bounds(s.max_linear_speed, s.linear_acceleration, s.linear_jerk, s.max_linear_speed),
-            Bounds(s.max_angular_speed, s.angular_acceleration, s.angular_jerk, s.max_angular_speed),
+            bounds(s.max_linear_speed, s.linear_acceleration, s.linear_jerk),
+            bounds(s.max_angular_speed, s.angular_acceleration, s.angular_jerk),
         )
 
     def state(self) -> JogState:

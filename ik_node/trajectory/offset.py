@@ -56,6 +56,11 @@ class Limits(NamedTuple):
     angular: Bounds
 
 
+def bounds(speed: float, acceleration: float, jerk: float) -> Bounds:
+    """Bounds of one half, with all of its speed for the way to zero."""
+    return Bounds(speed, acceleration, jerk, speed)
+
+
 class Offset(NamedTuple):
     """Where the reference is, seen from the motion; plain data."""
 
@@ -90,9 +95,9 @@ def strengthened(limits: Limits, motion: RigidMotion) -> Limits:
     return Limits(_stronger(limits.linear, motion.velocity), _stronger(limits.angular, motion.rate))
 
 
-def _stronger(bounds: Bounds, velocity: Vector) -> Bounds:
-    factor = min(max(length(velocity) / (BRAKING_S * bounds.acceleration), 1.0), STRONGEST)
-    return bounds._replace(acceleration=bounds.acceleration * factor, jerk=bounds.jerk * factor)
+def _stronger(usual: Bounds, velocity: Vector) -> Bounds:
+    factor = min(max(length(velocity) / (BRAKING_S * usual.acceleration), 1.0), STRONGEST)
+    return usual._replace(acceleration=usual.acceleration * factor, jerk=usual.jerk * factor)
 
 
 def within(motion: RigidMotion, limits: Limits) -> RigidMotion:

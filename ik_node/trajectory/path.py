@@ -33,6 +33,7 @@ from ik_node.trajectory.offset import (
     Offset,
     advanced,
     between,
+    bounds,
     composed,
     is_near,
     likely_part,
@@ -42,7 +43,7 @@ from ik_node.trajectory.offset import (
     slowed,
 )
 from ik_node.trajectory.path_clock import PathClock
-from ik_node.trajectory.reference import Bounds, RigidMotion, mean_twist, pose_of
+from ik_node.trajectory.reference import RigidMotion, mean_twist, pose_of
 from ik_node.trajectory.rigid_spline import Knots
 from ik_node.trajectory.rotations import difference, length
 from ik_node.trajectory.route import Route
@@ -95,15 +96,8 @@ class PathFollower:
         self._timing.configure(settings)
         s = self._settings = settings.path
         self._limits = Limits(
-            Bounds(
-                s.approach_linear_speed, s.approach_linear_acceleration, s.approach_linear_jerk, s.approach_linear_speed
-            ),
-            Bounds(
-                s.approach_angular_speed,
-                s.approach_angular_acceleration,
-                s.approach_angular_jerk,
-                s.approach_angular_speed,
-            ),
+            bounds(s.approach_linear_speed, s.approach_linear_acceleration, s.approach_linear_jerk),
+            bounds(s.approach_angular_speed, s.approach_angular_acceleration, s.approach_angular_jerk),
         )
 
     def state(self) -> PathState:
@@ -162,9 +156,11 @@ class PathFollower:
             self._set_clock(0.0, False)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
-        """Goes on with the path from somewhere else."""
+        """Goes on with the path from rest somewhere else: back to where it was left, and on from there."""
         s = self._state
-        s.time_ns, s.pace = time_ns, 1.0
+        left_s = self._path_time(s.clock_s)
+        s.time_ns, s.pace, s.clock_s = time_ns, 1.0, None
+        self._set_clock(left_s, is_moving(self._path.motion(left_s)))
         s.offset = between(reference, self._goal(), self._limits)
 
     def _is_joinable(self) -> bool:
@@ -289,8 +285,7 @@ class PathFollower:
     @property
     def progress(self) -> float:
         """Part of the path's time that has gone by, 0 to 1."""
-        clock_s = self._state.clock_s
-        return 0.0 if clock_s is None else self._path_time(clock_s) / self._path.end_s
+        return self._path_time(self._state.clock_s) / self._path.end_s
 
     @property
     def late_s(self) -> float:

@@ -8,8 +8,12 @@ is asked of any other computer. Whether the picture is a good one was judged by 
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
+import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,12 +22,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser, Picture
+from recorded_loop import finish, recorded_loop
 
 from ik_node import catalogue, se3
 from ik_node.catalogue import robots_folder
 from ik_node.cli import view as view_cli
 from ik_node.errors import RobotError
 from ik_node.inputs import ObstacleSample
+from ik_node.messages import cdr
+from ik_node.messages.decode_scene import decode_obstacles
+from ik_node.messages.step_codec import CallKind
+from ik_node.recording.calls import OBSTACLES
+from ik_node.recording.reader import load_run
 from ik_node.recording.run import Run, Targets
 from ik_node.robot import Robot
 from ik_node.scene import Scene, obstacle, shape
@@ -32,7 +42,7 @@ from ik_node.settings import ArmSettings, ObstacleSettings, Settings
 from ik_node.step import Level, Mode, Status
 from ik_node.view import curves, meshes, words
 from ik_node.view.film import Reel, film_of
-from ik_node.view.nearby import Nearby, RecordedObstacles, Scenes
+from ik_node.view.nearby import Nearby, RecordedObstacles, Scenes, read_obstacles
 from ik_node.view.opening import open_run
 from ik_node.view.page import Page
 from ik_node.view.player import Player
@@ -304,6 +314,14 @@ def world_pose(server: Any, name: str) -> Array:
     return world_pose(server, "/base") @ pose if name.startswith("/base/") else pose
 
 
+def ends(server: Any, name: str) -> Array:
+    """Where an object of unit length along x begins and ends, seen from the base."""
+    handle = server.scene.get_handle_by_name(name)
+    w, x, y, z = handle.wxyz
+    points = np.asarray(handle.points[0], dtype=np.float64) * handle.scale
+    return np.asarray(points @ se3.rotation_from_quaternion((x, y, z, w)).T + handle.position)
+
+
 @pytest.mark.parametrize("name", ["xarm7", "talos_arm"])
 def test_arm_and_frames_stand_where_kinematics_says(name: str, server: Any) -> None:
     """Also where the base frame is not the root of the model (talos_arm)."""
@@ -323,7 +341,7 @@ def test_arm_and_frames_stand_where_kinematics_says(name: str, server: Any) -> N
     for node, pose in (("tool", run.pose_sb[200]), ("desired", run.pose_sd[200])):
         assert np.abs(base_root @ world_pose(server, f"/base/{node}") - pose).max() < 1e-6
         assert server.scene.get_handle_by_name(f"/base/{node}").visible
-    begin, end = server.scene.get_handle_by_name("/base/lambda_task_linear").points[0]
+    begin, end = ends(server, "/base/lambda_task_linear")
     assert begin == pytest.approx(run.pose_sb[200, :3, 3], abs=1e-6)
     along = run.pose_sb[200, :3, :3] @ run.multiplier_task[200, :3]
     assert (end - begin) / np.linalg.norm(end - begin) == pytest.approx(along / np.linalg.norm(along), abs=1e-4)
@@ -424,6 +442,106 @@ def test_words_from_outside_are_no_html(run: Run) -> None:
     assert "<b>" not in words.note("<b>")
 
 
+# --- a recording -----------------------------------------------------------------------------------------------------
+
+SCENE = "obstacles: [{name: post, cylinder: {radius: 0.04, length: 0.7}, position: [0.4, 0.35, 0.35]}]"
+
+
+def sphere(frame_id: str) -> Any:
+    """A ball of 0.1 m radius as a marker."""
+    known = {
+        "header": cdr.header(frame_id),
+        "ns": "ball",
+        "type": 2,
+        "pose": cdr.make(
+            "geometry_msgs/msg/Pose",
+            position=cdr.make("geometry_msgs/msg/Point", x=0.5, y=-0.4, z=0.6),
+            orientation=cdr.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+        ),
+        "scale": cdr.make("geometry_msgs/msg/Vector3", x=0.2, y=0.2, z=0.2),
+        "color": cdr.make("std_msgs/msg/ColorRGBA", r=1.0, g=0.0, b=0.0, a=1.0),
+        "lifetime": cdr.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+        "texture": cdr.make(
+            "sensor_msgs/msg/CompressedImage", header=cdr.header(""), format="", data=np.zeros(0, dtype=np.uint8)
+        ),
+        "mesh_file": cdr.make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, dtype=np.uint8)),
+    }
+    empty: dict[str, Any] = dict.fromkeys(("id", "action", "frame_locked", "mesh_use_embedded_materials"), 0)
+    empty |= dict.fromkeys(("text", "mesh_resource", "texture_resource"), "")
+    empty |= {name: [] for name in ("points", "colors", "uv_coordinates")}
+    return cdr.make("visualization_msgs/msg/Marker", **empty, **known)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Half a second of a panda that moves; a post from the beginning, a ball from 0.25 s on."""
+    folder = tmp_path_factory.mktemp("view")
+    (folder / "scene.yaml").write_text(SCENE)
+    loop = recorded_loop(folder / "bag", {"rate_hz": 200.0, "obstacles.scene": str(folder / "scene.yaml")})
+    loop.run(0.05)
+    start = loop.pose()
+
+    def pose(time_s: float) -> Array:
+        wanted: Array = start.copy()
+        wanted[1, 3] += 0.1 * time_s
+        return wanted
+
+    loop.follow(pose, 0.2, 50.0)
+    data = cdr.serialize(cdr.make("visualization_msgs/msg/MarkerArray", markers=[sphere(loop.robot.base_frame)]))
+    recorded: Any = loop.controller
+    recorded.controller.on_obstacles(decode_obstacles(data), loop.now)
+    recorded.recording.called(CallKind.ON_OBSTACLES, loop.now, recorded.recording.received(OBSTACLES, data, loop.now))
+    loop.run(0.25)
+    finish(loop)
+    return folder / "bag"
+
+
+def test_recorded_obstacles_and_clearance_are_those_of_the_run(bag: Path, server: Any) -> None:
+    """The line between the nearest points touches the post's surface, as long as the recorded clearance; the ball comes
+    when it came."""
+    run = load_run(bag)
+    found = read_obstacles(bag)
+    assert [time_s for time_s, _ in found.arrivals] == [pytest.approx(0.245)]
+    page = open_run(server, run, str(bag), found)
+
+    def show(time_s: float) -> None:
+        page.player.seek(time_s)
+        page._want()
+        page.tick(0.0)
+
+    show(0.2)
+    assert sorted(page.stage._obstacles) == ["post"]
+    show(0.4)
+    assert sorted(page.stage._obstacles) == ["ball/0", "post"]
+    assert server.scene.get_handle_by_name("/base/obstacles/ball_0").position == pytest.approx((0.5, -0.4, 0.6))
+    line = ends(server, "/base/clearance")
+    row = page._film().row(0.4)
+    assert np.linalg.norm(line[1] - line[0]) == pytest.approx(run.clearance[row], abs=1e-5)
+    assert run.closest_pair[row][-1] in page._words.content
+    near_post = Nearby(Robot(run.urdf, run.base_frame, run.tip_frame), ObstacleSettings(self_collision=False))
+    post = page.subject.scene_at(0.0)
+    closest = near_post.closest(run.q[row], post)
+    assert closest is not None
+    assert np.linalg.norm(closest.points_s[1, :2] - (0.4, 0.35)) == pytest.approx(0.04, abs=1e-6)
+
+
+def test_command_line_serves_a_recording(bag: Path) -> None:
+    """Until it is asked to end, which is no failure."""
+    command = [sys.executable, "-m", "ik_node.cli.view", str(bag), "--port", "0"]
+    viewer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert viewer.stdout is not None
+    try:
+        address = re.search(r"http://localhost:(\d+)", viewer.stdout.readline())
+        assert address is not None
+        with urllib.request.urlopen(f"http://127.0.0.1:{address[1]}/") as answer:
+            assert b"<html" in answer.read(2000)
+        viewer.send_signal(signal.SIGINT)
+        assert viewer.wait(15.0) == 0
+    finally:
+        viewer.kill()
+        viewer.communicate()
+
+
 # --- the command line ------------------------------------------------------------------------------------------------
 
 
@@ -460,6 +578,7 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
 @pytest.fixture
 def page(run: Run, server: Any) -> Iterator[Page]:
     made = open_run(server, run, "made/run")
+    server.scene.configure_default_lights(cast_shadow=False)  # which take long without a graphics card
     over = threading.Event()
 
     def keep_going() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from ik_node import collision, se3
 from ik_node.clearance import Clearance, Closest
 from ik_node.clock import NS
-from ik_node.errors import InputError, RobotError
+from ik_node.errors import InputError, RecordingError, RobotError
 from ik_node.inputs import ObstacleSample
 from ik_node.messages.decode_scene import decode_obstacles
 from ik_node.messages.step_codec import CallKind
@@ -78,11 +78,19 @@ class RecordedObstacles(NamedTuple):
     first: Scene | None
     """Those that the run began with, where the recording says so."""
     arrivals: tuple[Arrival, ...]
+    missing: str = ""
+    """Why they cannot be told; empty where they can."""
 
 
 def read_obstacles(path: str | Path, node: str = "") -> RecordedObstacles:
-    """The obstacles of a recorded run; RecordingError where there is none, or it is damaged."""
-    calls = RecordedCalls(path, node)
+    """The obstacles of a recorded run. Runs of other versions can be looked at without."""
+    try:
+        return _read_obstacles(RecordedCalls(path, node))
+    except RecordingError as error:
+        return RecordedObstacles(None, (), str(error))
+
+
+def _read_obstacles(calls: RecordedCalls) -> RecordedObstacles:
     state, topic = calls.head.state, calls.head.setup["inputs"].get(OBSTACLES)
     scene = Scene() if state is None else state.scene
     some = any(known.name == topic and count for known, count in calls.recording.counts().items())

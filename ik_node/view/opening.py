@@ -29,6 +29,8 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
     known = obstacles or RecordedObstacles(None, ())
     first, about_scene = (known.first, ()) if known.first else first_scene(robot, settings.obstacles.scene)
     notes += about_scene
+    if known.missing:
+        notes += (f"Obstacles that came and went are not shown: {known.missing}",)
     if not run.complete:
         notes += ("This recording was cut off; ik_repair makes it whole.",)
     targets, film = _targets(run), film_of(run)

@@ -27,6 +27,8 @@ SLOW_PERIOD_S = 0.1
 """Plots, slider and words follow the picture this often."""
 PATH_PERIOD_S = 0.5
 """The paths and the extent of a live film are renewed this often."""
+USUAL_PERCENT = 98.0
+"""So many of a film's multipliers have arrows that are not cut off; the rest are spikes."""
 PLOTTED = {"whole run": 0.0, "10 s": 10.0, "2 s": 2.0, "0.5 s": 0.5}
 """What the plots may show: s around the moment; 0: everything."""
 PLOTS_PX = 400
@@ -169,7 +171,7 @@ class Page:
     def _aim(self) -> None:
         """Where the camera is at first, and what it looks at: the arm and all of its path."""
         film = self._film()
-        self._centre, self._size = _extent(self.subject.robot, film)
+        self._centre, self._size = _extent(self.subject, film)
         camera = self.server.initial_camera
         camera.position, camera.look_at = self._centre + self._size * VIEWS["home"], self._centre
         camera.fov = FIELD_OF_VIEW
@@ -232,12 +234,9 @@ class Page:
             self._plots.draw(film, begin_s, end_s, player.time_s)
 
     def _draw_paths(self, film: Film) -> None:
-        parts = (film.multiplier_task, film.multiplier_potential)
-        for index in range(2):
-            norms = [np.linalg.norm(part[:, 3 * index : 3 * index + 3], axis=1) for part in parts]
-            both = np.concatenate(norms)
-            finite = both[np.isfinite(both)]
-            self.stage.largest[index] = max(float(self.stage.largest[index]), float(finite.max(initial=0.0)))
+        for term, wrenches in enumerate((film.multiplier_task, film.multiplier_potential)):
+            for part in range(2):
+                self.stage.usual[term, part] = _usual(wrenches[:, 3 * part : 3 * part + 3])
         with self.server.atomic():
             self.stage.draw_paths(film.pose_sb[:, :3, 3], film.pose_sd[:, :3, 3])
             self.stage.draw_targets(self.subject.targets())
@@ -248,7 +247,7 @@ FIELD_OF_VIEW = 0.7
 JUMPS = {"start": 0, "\u25c0": -1, "\u25b6": 1, "event": 0}
 """Buttons that go to another moment, and by how many ticks."""
 VIEWS = {
-    "home": np.array([1.15, 1.15, 0.75]),
+    "home": np.array([1.02, 1.02, 0.6]),
     "front": np.array([1.8, 0.0, 0.1]),
     "side": np.array([0.0, -1.8, 0.1]),
     "top": np.array([0.0, -0.02, 1.9]),
@@ -266,20 +265,30 @@ def _after(player: Player) -> float:
     return max(math.ceil(1e3 * player.end_s), math.floor(1e3 * player.begin_s) + 1) / 1e3
 
 
+def _usual(vectors: Array) -> float:
+    """A norm that few of ``vectors`` (k, 3) exceed; 0 where all are 0 or unknown."""
+    norms = np.linalg.norm(vectors, axis=1)
+    known = norms[np.isfinite(norms) & (norms > 0.0)]
+    return float(np.percentile(known, USUAL_PERCENT)) if len(known) else 0.0
+
+
 def _backdrop() -> Any:
     """(64, 2, 3), uint8: a light sky above a lighter ground, against which white robots are seen."""
     rows = np.linspace((196, 206, 218), (238, 241, 244), 64)
     return np.repeat(rows[:, None], 2, axis=1).astype(np.uint8)
 
 
-def _extent(robot: Robot, film: Film) -> tuple[Array, float]:
-    """Middle and size of arm and path, m, in the root frame."""
+def _extent(subject: Subject, film: Film) -> tuple[Array, float]:
+    """Middle and size, m, of the arm, its path and the obstacles within its reach, in the root frame."""
+    robot = subject.robot
     known = np.flatnonzero(np.isfinite(film.q).all(axis=1))
     q = film.q[known[0]] if len(known) else np.zeros(robot.n)
     tools = film.pose_sb[:, :3, 3]
-    points = np.vstack(
-        (np.zeros(3), robot.joint_origins(q), robot.pose(q)[:3, 3], tools[np.isfinite(tools).all(axis=1)])
-    )
+    arm = np.vstack((np.zeros(3), robot.joint_origins(q), robot.pose(q)[:3, 3], tools[np.isfinite(tools).all(axis=1)]))
+    reach = max(float(np.linalg.norm(arm, axis=1).max()), 0.3)
+    obstacles = [entry.pose_s[:3, 3] for entry in subject.scene_at(film.begin_s).obstacles.values()]
+    near = [point for point in obstacles if np.linalg.norm(point) < 1.5 * reach]
+    points = np.vstack((arm, *near))
     low, high = points.min(axis=0), points.max(axis=0)
     centre = np.append(0.5 * (low + high), 1.0)
     inverse = np.linalg.inv(robot.pose_base_root)

@@ -14,7 +14,7 @@ from ik_node.view.film import Film
 INK = "#222222"
 NEEDLE = "#d55e00"
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a6f00", "#555555")
-HEIGHT_PX = 112
+HEIGHT_PX = 92
 AXIS_PX = 46
 
 

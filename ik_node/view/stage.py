@@ -47,8 +47,12 @@ HIDDEN_AT_FIRST = frozenset({"moment"})
 DASH_M = 0.01
 """Length of a dash of the desired path, and of the gap after it."""
 ARROW_M = 0.25
-"""Length of the longest arrow."""
+"""Length of a usual arrow."""
+LONGEST_ARROW = 1.6
+"""Arrows are cut off at so many usual lengths."""
 SHORTEST_ARROW_M = 0.006
+_UNIT = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+"""What :func:`_stretch` lays between two points."""
 _MULTIPLIERS = (
     ("task", "multiplier_task", LAMBDA_TASK),
     ("potential", "multiplier_potential", LAMBDA_POTENTIAL),
@@ -82,13 +86,13 @@ class Stage:
             for name, _, colour in _MULTIPLIERS
             for part in ("linear", "angular")
         }
-        self.largest = np.zeros(2)
-        """Linear and angular norm of the multiplier that make an arrow of full length."""
+        self.usual = np.zeros((2, 2))
+        """Norms that make an arrow of ``ARROW_M``: task and potential term of the multiplier, linear and angular."""
         self._obstacles: dict[str, tuple[Shape, Any]] = {}
         self._clearance = self._scene.add_line_segments(
-            "/base/clearance", np.zeros((1, 2, 3)), CLEAR, thickness=3.0, thickness_units="screen", visible=False
+            "/base/clearance", _UNIT, CLEAR, thickness=3.0, thickness_units="screen", visible=False
         )
-        self._clearance_label = self._scene.add_label("/base/clearance_label", "", visible=False)
+        self._clearance_label = self._scene.add_label("/base/clearance_label", "", anchor="bottom-left", visible=False)
         self._grid = self._scene.add_grid(
             "/grid",
             4.0,
@@ -139,11 +143,11 @@ class Stage:
     def _arrow(self, name: str, colour: Rgb) -> Any:
         return self._scene.add_arrows(
             f"/base/lambda_{name}",
-            np.zeros((1, 2, 3)),
+            _UNIT,
             colour,
-            shaft_radius=0.005,
-            head_radius=0.012,
-            head_length=0.03,
+            shaft_radius=0.02,
+            head_radius=0.05,
+            head_length=0.13,
             visible=False,
         )
 
@@ -215,8 +219,8 @@ class Stage:
             self._pose_arm(moment.q)
         for name, pose in (("tool", moment.pose_sb), ("desired", moment.pose_sd)):
             self._place(self._frames[name], pose, "frames")
-        for name, field, _ in _MULTIPLIERS:
-            self._point(name, getattr(moment, field), moment.pose_sb)
+        for (name, field, _), usual in zip(_MULTIPLIERS, self.usual.tolist(), strict=True):
+            self._point(name, getattr(moment, field), usual, moment.pose_sb)
         self._show_obstacles(scene)
         self._show_closest(moment.closest_points, moment.clearance)
 
@@ -236,17 +240,16 @@ class Stage:
             handle.wxyz, handle.position = _placement(pose)
         handle.visible = known and self._visible[layer]
 
-    def _point(self, name: str, wrench_b: Array, pose_sb: Array) -> None:
+    def _point(self, name: str, wrench_b: Array, usual: list[float], pose_sb: Array) -> None:
         """Both parts of a multiplier as arrows from the tool point."""
         for index, (part, layer) in enumerate((("linear", "multiplier"), ("angular", "moment"))):
             handle = self._arrows[f"{name}_{part}"]
-            arrow_s = ARROW_M * pose_sb[:3, :3] @ wrench_b[3 * index : 3 * index + 3]
-            arrow_s = arrow_s / max(float(self.largest[index]), 1e-12)
-            length = float(np.linalg.norm(arrow_s))
-            drawn = self._visible[layer] and np.isfinite(length) and length > SHORTEST_ARROW_M
+            wrench_s = pose_sb[:3, :3] @ wrench_b[3 * index : 3 * index + 3]
+            norm = float(np.linalg.norm(wrench_s))
+            length = ARROW_M * min(norm / max(usual[index], 1e-12), LONGEST_ARROW)
+            drawn = self._visible[layer] and bool(np.isfinite(norm)) and length > SHORTEST_ARROW_M
             if drawn:
-                handle.head_length = min(0.03, 0.5 * length)
-                handle.points = np.stack((pose_sb[:3, 3], pose_sb[:3, 3] + arrow_s))[None].astype(np.float32)
+                _stretch(handle, pose_sb[:3, 3], pose_sb[:3, 3] + length / norm * wrench_s, ARROW_M)
             handle.visible = drawn
 
     def _show_obstacles(self, scene: Scene) -> None:
@@ -279,7 +282,7 @@ class Stage:
     def _show_closest(self, points_s: Array, distance: float) -> None:
         drawn = bool(np.isfinite(points_s).all()) and self._visible["clearance"]
         if drawn:
-            self._clearance.points = points_s[None].astype(np.float32)
+            _stretch(self._clearance, points_s[0], points_s[1])
             self._clearance_label.position = points_s.mean(axis=0)
             self._clearance_label.text = f"{1e3 * distance:.0f} mm"
         self._clearance.visible = self._clearance_label.visible = drawn
@@ -289,3 +292,16 @@ def _placement(pose: Array) -> tuple[Array, Array]:
     """Quaternion w x y z and position of a pose, as viser takes them."""
     x, y, z, w = se3.quaternion_from_rotation(pose[:3, :3])
     return np.array([w, x, y, z]), pose[:3, 3].copy()
+
+
+def _stretch(handle: Any, begin: Array, end: Array, width: float = 1.0) -> None:
+    """Lays an object of unit length along x between two points. Poses reach the picture sooner than new shapes do, and
+    together with those of the arm."""
+    along = end - begin
+    length = max(float(np.linalg.norm(along)), 1e-9)
+    first = along / length
+    across = np.cross(first, np.eye(3)[int(np.abs(first).argmin())])
+    across /= np.linalg.norm(across)
+    rotation = np.column_stack((first, across, np.cross(first, across)))
+    x, y, z, w = se3.quaternion_from_rotation(rotation)
+    handle.wxyz, handle.position, handle.scale = np.array([w, x, y, z]), begin.copy(), (length, width, width)

@@ -25,7 +25,7 @@ def describe(
     mass_weighted: bool,
 ) -> str:
     """HTML of what holds at a moment. Words that came from outside are escaped."""
-    error, task = moment.error_b, moment.multiplier_task
+    error, unit = moment.error_b, "N s" if mass_weighted else ""
     rows = [
         ("position error", _number(1e3 * _norm(error[:3]), "mm", 3)),
         ("orientation error", _number(1e3 * _norm(error[3:]), "mrad", 3)),
@@ -33,7 +33,8 @@ def describe(
         ("least singular value", _number(moment.sigma_min, "m", 4)),
         ("scale s", _number(moment.scale, "", 3)),
         ("limits that bind", html.escape(", ".join(moment.binding)) or "none"),
-        ("multiplier, linear", _number(_norm(task[:3]), "N s" if mass_weighted else "", 3)),
+        ("\u03bb task, linear", _number(_norm(moment.multiplier_task[:3]), unit, 3)),
+        ("\u03bb potential, linear", _number(_norm(moment.multiplier_potential[:3]), unit, 3)),
         ("clearance", _number(1e3 * moment.clearance, "mm", 1)),
     ]
     if moment.closest_pair:

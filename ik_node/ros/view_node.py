@@ -25,6 +25,30 @@ from ik_node.settings import Settings
 NEWEST = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
 """The picture needs the newest only."""
 
+PAUSE_S = 0.02
+"""Between questions, so that the node under watch keeps its pace."""
+ASKED = (
+    "rate_hz",
+    "method",
+    "robot",
+    "robot_description",
+    "base_frame",
+    "tip_frame",
+    "joints",
+    "joint_prefix",
+    "characteristic_length",
+    "limits.velocity",
+    "limits.velocity_fraction",
+    "obstacles.scene",
+    "obstacles.geometry",
+    "obstacles.package_path",
+    "obstacles.srdf",
+    "obstacles.self_collision",
+    "obstacles.ignored_pairs",
+    "obstacles.watched_pairs",
+)
+"""Parameters that decide what the page shows."""
+
 _STREAMS = {
     encode.JOINT_VELOCITY: JointState,
     encode.DESIRED_POSE: PoseStamped,
@@ -85,24 +109,19 @@ class ViewNode(Node):  # type: ignore[misc]
         self.values = {entry.key: entry.value for entry in status.values}
 
     def ask_settings(self, timeout_s: float) -> Settings:
-        """The settings of the watched node; IkNodeError with the nodes there are when it does not answer."""
-        names = list(Settings().flat())
+        """What the page needs to know of the watched node's settings, the rest as usual.
+
+        Raises IkNodeError with the nodes there are when it does not answer.
+        """
         client = self.create_client(GetParameters, f"{self.watched}/get_parameters")
         if not client.wait_for_service(timeout_s):
-            there = (
-                ", ".join(
-                    sorted(
-                        f"{space.rstrip('/')}/{name}"
-                        for name, space in self.get_node_names_and_namespaces()
-                        if name != self.get_name()
-                    )
-                )
-                or "none"
-            )
-            raise IkNodeError(f"no node '{self.watched}' answers; nodes here: {there}")
+            named = self.get_node_names_and_namespaces()
+            others = sorted(f"{space.rstrip('/')}/{name}" for name, space in named if name != self.get_name())
+            raise IkNodeError(f"no node '{self.watched}' answers; nodes here: {', '.join(others) or 'none'}")
         # One by one: a node answers with nothing at all where one of the names is unknown to it or unset.
         given = {}
-        for name in names:
+        for name in ASKED:
+            time.sleep(PAUSE_S)
             values = self._ask(client, GetParameters.Request(names=[name]), timeout_s).values
             if len(values):
                 given[name] = parameter_value_to_python(values[0])

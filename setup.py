@@ -5,7 +5,19 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "ik_node"
-EXECUTABLES = ("benchmark", "demo", "node", "repair", "replay", "report", "simulator", "solve", "view", "watchdog")
+EXECUTABLES = (
+    "benchmark",
+    "demo",
+    "export",
+    "node",
+    "repair",
+    "replay",
+    "report",
+    "simulator",
+    "solve",
+    "view",
+    "watchdog",
+)
 
 
 def folder(name: str) -> tuple[str, list[str]]:

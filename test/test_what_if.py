@@ -26,8 +26,9 @@ from ik_node.recording.events import RecordedCalls
 from ik_node.recording.reader import load_run
 from ik_node.replay.recorded import record_simulation
 from ik_node.replay.same import replay
-from ik_node.replay.simulation import first_position, open_loop, simulate
+from ik_node.replay.simulation import Simulated, first_position, open_loop, simulate
 from ik_node.replay.what_if import (
+    RECORDED,
     Figures,
     Variant,
     compare,
@@ -59,7 +60,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Loop]:
 
 def test_with_nothing_changed_it_is_the_recorded_run(run: tuple[Path, Loop]) -> None:
     directory, loop = run
-    assert same_bits(tuple(simulate(RecordedCalls(directory), {})), tuple(loop.steps))
+    assert same_bits(tuple(simulate(RecordedCalls(directory), {}).steps), tuple(loop.steps))
     assert same_bits(tuple(open_loop(RecordedCalls(directory), {})), tuple(loop.steps))
 
 
@@ -73,12 +74,12 @@ def test_it_begins_where_a_recording_of_the_middle_begins(tmp_path: Path) -> Non
     before = len(loop.steps)
     loop.follow(lambda time_s: trajectory.pose(2.0 + time_s), 1.0, 50.0)
     finish(loop)
-    assert same_bits(tuple(simulate(RecordedCalls(tmp_path / "bag"), {})), tuple(loop.steps[before:]))
+    assert same_bits(tuple(simulate(RecordedCalls(tmp_path / "bag"), {}).steps), tuple(loop.steps[before:]))
 
 
 def table(directory: Path, *wanted: Variant) -> dict[str, Figures]:
     opened = partial(RecordedCalls, directory)
-    return {found.name: found for found in compare(opened, wanted, truth_of(directory, ""), 1)}
+    return {found.name: found for found in compare(opened, (RECORDED, *wanted), truth_of(directory, ""), 1)}
 
 
 def test_every_method_follows_and_the_inertia_weighted_one_costs_least_energy(run: tuple[Path, Loop]) -> None:
@@ -101,7 +102,7 @@ def test_figures_are_those_of_the_steps(run: tuple[Path, Loop]) -> None:
     """By hand, from the Steps of the recorded run."""
     directory, loop = run
     source = RecordedCalls(directory)
-    found = figures(source, Variant("recorded", {}), loop.steps, None)
+    found = figures(source, RECORDED, Simulated(loop.steps, 3), None)
     velocity = np.array([step.joint_velocity for step in loop.steps])
     assert found.peak_speed == np.abs(velocity).max()
     limits = loop.robot.limits.velocity
@@ -114,6 +115,7 @@ def test_figures_are_those_of_the_steps(run: tuple[Path, Loop]) -> None:
     assert found.energy_max_j == pytest.approx(np.max(energy))
     assert found.scale_min == min(step.scale for step in loop.steps)
     assert math.isnan(found.position_rms_mm)
+    assert found.refused == 3
 
 
 def test_other_settings_show(run: tuple[Path, Loop]) -> None:
@@ -131,7 +133,7 @@ def test_changes_outlast_recorded_changes(run: tuple[Path, Loop]) -> None:
     """Parameters that the recording changes on its way are changed, but for those that are asked for."""
     directory, loop = run
     source = RecordedCalls(directory)
-    kept = simulate(source, {"gain_linear": 5.0, "gain_angular": 10.0})
+    kept = simulate(source, {"gain_linear": 5.0, "gain_angular": 10.0}).steps
     assert same_bits(kept[-1].joint_velocity, loop.steps[-1].joint_velocity) is False
     seen = [settings.control for settings in applied(source)]
     assert [(control.gain_linear, control.gain_angular) for control in seen] == [(10.0, 8.0)]
@@ -163,12 +165,12 @@ def test_joint_states_in_pieces_keep_their_pieces(tmp_path: Path) -> None:
     finish(loop)
     source = RecordedCalls(tmp_path / "bag")
     assert first_position(source, loop.robot, 0.1)[0] == pytest.approx(loop.steps[0].joint_position)
-    assert same_bits(tuple(simulate(source, {})), tuple(loop.steps))
+    assert same_bits(tuple(simulate(source, {}).steps), tuple(loop.steps))
 
 
 def test_a_simulated_run_is_recorded_as_a_run(run: tuple[Path, Loop], tmp_path: Path) -> None:
     directory, _ = run
-    steps = record_simulation(RecordedCalls(directory), {"method": "gravity_gradient"}, tmp_path / "out")
+    steps, _ = record_simulation(RecordedCalls(directory), {"method": "gravity_gradient"}, tmp_path / "out")
     again = replay(RecordedCalls(tmp_path / "out"))
     assert again.first is None
     assert again.ticks == len(steps)

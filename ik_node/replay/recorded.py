@@ -11,17 +11,16 @@ from ik_node.messages.encode import Outgoing, StepOutputs
 from ik_node.recording.calls import INPUTS, SETTINGS_CALLS, TEXT_CALLS
 from ik_node.recording.session import RunRecording, RunSetup
 from ik_node.recording.writer import RecorderOptions
-from ik_node.replay.simulation import Told, simulate
+from ik_node.replay.simulation import Simulated, Told, simulate
 from ik_node.replay.source import Source, calls
 from ik_node.settings import Value
-from ik_node.step import Step
 
 NODE = "/ik_node"
 OPTIONS = RecorderOptions(queue_mb=4096.0)
 """Faster than real time the disk may fall behind; nothing is to be left out for that."""
 
 
-def record_simulation(source: Source, changes: Mapping[str, Value], directory: Path) -> list[Step]:
+def record_simulation(source: Source, changes: Mapping[str, Value], directory: Path) -> Simulated:
     """Simulates as :func:`ik_node.replay.simulation.simulate` does and records it to ``directory``.
 
     Raises RecordingError when the folder exists or cannot be written, and as that function does.

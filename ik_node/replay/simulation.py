@@ -36,7 +36,15 @@ class Told(NamedTuple):
     step: Step | None
 
 
-def simulate(source: Source, changes: Mapping[str, Value], each: Callable[[Told], None] | None = None) -> list[Step]:
+class Simulated(NamedTuple):
+    """A simulated run."""
+
+    steps: list[Step]
+    refused: int
+    """Targets that the controller did not take."""
+
+
+def simulate(source: Source, changes: Mapping[str, Value], each: Callable[[Told], None] | None = None) -> Simulated:
     """The Steps of a run with ``changes`` (parameter by full name -> value), from its start to its end.
 
     ``each`` is told every call. Raises SettingsError when a change is none, RecordingError when there is no joint state
@@ -57,7 +65,7 @@ def simulate(source: Source, changes: Mapping[str, Value], each: Callable[[Told]
             steps.append(step)
         if each is not None:
             each(Told(event, sample, step))
-    return steps
+    return Simulated(steps, controller.targets_refused)
 
 
 def open_loop(source: Source, changes: Mapping[str, Value]) -> list[Step]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ik_node.recording.events import RecordedCalls
@@ -87,6 +87,7 @@ _ROWS = (
     ("peak joint speed [% of limit]", "peak_speed_percent", ".1f"),
     ("peak joint speed [rad/s, m/s]", "peak_speed", ".3f"),
     ("ticks with an error", "faults", "d"),
+    ("targets refused", "refused", "d"),
 )
 _LABEL = max(len(label) for label, _, _ in _ROWS)
 
@@ -113,3 +114,8 @@ def open_loop_table(found: Sequence[OpenLoop]) -> str:
         size = f"{run.difference_rms:.3g} rms, {run.difference_max:.3g} at most [rad/s, m/s]"
         lines.append(f"  {run.name}: {size}, {run.ticks} ticks")
     return "\n".join(lines)
+
+
+def used_topics(used: Mapping[str, tuple[str, int]]) -> str:
+    """What of a foreign bag is taken for what."""
+    return "\n".join(f"taken     {count} messages of {topic} for {name}" for topic, (name, count) in used.items())

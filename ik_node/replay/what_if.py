@@ -17,7 +17,7 @@ from ik_node.errors import InputError
 from ik_node.limits import motion_limits
 from ik_node.recording.events import RecordedCalls
 from ik_node.recording.reader import load_run
-from ik_node.replay.simulation import open_loop, simulate
+from ik_node.replay.simulation import Simulated, open_loop, simulate
 from ik_node.replay.source import Source, calls
 from ik_node.report.truth import FILE_NAME, Truth, read_truth, rotation_angle, truth_from_targets
 from ik_node.robot import Robot
@@ -38,6 +38,10 @@ class Variant(NamedTuple):
     name: str
     changes: Mapping[str, Value]
     """Parameter by full name -> value, on top of the recorded ones."""
+
+
+RECORDED = Variant("recorded", {})
+"""The settings of the recording, run the same way as the others."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +70,8 @@ class Figures:
     """Fastest joint, rad/s (m/s)."""
     faults: int
     """Ticks whose status was an error."""
+    refused: int
+    """Targets that were not taken."""
 
 
 class OpenLoop(NamedTuple):
@@ -124,11 +130,11 @@ def truth_of(path: Path, node: str) -> Truth | None:
 
 
 def compare(opened: Opened, wanted: Sequence[Variant], truth: Truth | None, jobs: int) -> list[Figures]:
-    """Figures of the recorded settings, called ``recorded``, and of every variant, on ``jobs`` processes at once.
+    """Figures of every variant, on ``jobs`` processes at once.
 
     ``opened`` gives the source anew at every call, in another process too.
     """
-    work = [(opened, variant, truth) for variant in (Variant("recorded", {}), *wanted)]
+    work = [(opened, variant, truth) for variant in wanted]
     if jobs == 1:
         return [_run(*entry) for entry in work]
     with ProcessPoolExecutor(min(jobs, len(work)), get_context("fork")) as pool:
@@ -140,8 +146,9 @@ def _run(opened: Opened, variant: Variant, truth: Truth | None) -> Figures:
     return figures(source, variant, simulate(source, variant.changes), truth)
 
 
-def figures(source: Source, variant: Variant, steps: Sequence[Step], truth: Truth | None) -> Figures:
+def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | None) -> Figures:
     """What there is to say of a closed-loop run; InputError when it has no tick."""
+    steps = run.steps
     if not steps:
         raise InputError(f"the run '{variant.name}' has no tick")
     settings = source.begins_with.with_values(variant.changes)
@@ -169,6 +176,7 @@ def figures(source: Source, variant: Variant, steps: Sequence[Step], truth: Trut
         peak_speed_percent=100.0 * float((speed / limits).max()),
         peak_speed=float(speed.max()),
         faults=sum(step.status.level is Level.ERROR for step in steps),
+        refused=run.refused,
     )
 
 

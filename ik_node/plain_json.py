@@ -18,11 +18,15 @@ from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ik_node.errors import InputError
 
 LARGEST_READABLE = 64
 """Entries up to which an array is a list of numbers."""
+
+_ARRAY_ALIAS = get_origin(NDArray[np.float64])
+"""Since NumPy 2.5 a type of its own from Python 3.12 on; before, np.ndarray."""
 
 
 def to_json(value: object) -> str:
@@ -68,8 +72,8 @@ def _typed(value: Any, kind: Any) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         return _one_of(value, arguments)
-    if origin is np.ndarray:
-        return _array(value, np.dtype(get_args(arguments[1])[0]))
+    if origin in (np.ndarray, _ARRAY_ALIAS):
+        return _array(value, np.dtype(get_args(arguments[1])[0] if origin is np.ndarray else arguments[0]))
     if origin is tuple:
         kinds = [arguments[0]] * len(value) if arguments[1:] == (...,) else arguments
         return tuple(_typed(entry, wanted) for entry, wanted in zip(value, kinds, strict=True))

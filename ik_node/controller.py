@@ -208,6 +208,7 @@ class Controller:
             remembered(self._integral, IntegralMemory),
             self._targets.state(),
             self._follow.memory(),
+            self._solver.memory(),
             self._solver.lookout.scene,
         )
 
@@ -222,6 +223,7 @@ class Controller:
         recall(self._integral, state.integral)
         self._targets.restore(state.targets)
         self._follow.recall(state.follow)
+        self._solver.recall(state.solver)
         self._solver.lookout.scene = state.scene
 
     # --- one tick ----------------------------------------------------------------------------------------------------
@@ -261,6 +263,7 @@ class Controller:
             self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
             self._ik.solution = None
             self._integral.reset()
+            self._solver.begin()
             self._pace, self._gives_up = 1.0, False
             begin = self._targets.rest_at if self._keep_targets else self._targets.start
             begin(self.robot.pose(state.position), state.time_ns)
@@ -332,7 +335,8 @@ class Controller:
     def _say_what_happens(self, now: Instant, outcome: Outcome, elapsed_s: float) -> None:
         self._gives_up = bool(np.abs(outcome.lost_b).max() > 1e-6)
         self._status.flag("near a singularity, part of the twist is given up", self._gives_up, now)
-        self._status.flag("slowed down by joint limits", outcome.scale < 1.0, now)
+        self._status.flag("slowing down to pass a singularity", outcome.pace < 0.99, now)
+        self._status.flag("slowed down by joint limits", outcome.scale < outcome.pace, now)
         self._status.flag("a joint limit had to give way", bool(outcome.conceded), now)
         self._status.flag("a command stood for longer than hold_periods", elapsed_s > self._solver.limits.dt_max_s, now)
         self._status.flag("inverse kinematics finds no solution near the last one", not self._ik.converged, now)

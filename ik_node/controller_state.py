@@ -16,6 +16,7 @@ from ik_node.se3 import Array
 from ik_node.status import StatusMemory
 from ik_node.supervision import SupervisionMemory
 from ik_node.targets import TargetsState
+from ik_node.tick import TickMemory
 
 
 class ControllerMemory(NamedTuple):
@@ -48,4 +49,5 @@ class ControllerState(NamedTuple):
     integral: IntegralMemory
     targets: TargetsState
     follow: FollowMemory
+    solver: TickMemory
     scene: Scene

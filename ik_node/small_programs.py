@@ -271,6 +271,22 @@ def nearest_to_ray(
     return np.minimum(np.maximum(found[:n], lo), hi), min(max(float(found[n]), 0.0), 1.0)
 
 
+def nearest_to_twist(jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array) -> Array | None:
+    """The qd in the box, with ``rows`` qd >= ``least``, of least \\|J qd - V\\|, whatever its direction; None if none.
+
+    Damped by a thousandth of the largest singular value, so that it stays gentle where J is nearly singular.
+    """
+    hessian = jacobian.T @ jacobian
+    hessian[np.diag_indices(len(lo))] += 1e-3 * np.trace(hessian) / len(lo)
+    upper = np.concatenate((np.minimum(hi, UNLIMITED), np.full(len(least), UNLIMITED)))
+    lower = np.concatenate((np.maximum(lo, -UNLIMITED), least))
+    slope = -(jacobian.T @ twist)
+    found, _, flag, _ = daqp.solve(hessian, slope, np.ascontiguousarray(rows), upper, lower, primal_tol=1e-10)
+    if flag != 1 or not np.isfinite(found).all():
+        return None
+    return np.minimum(np.maximum(found, lo), hi)
+
+
 def nearest_to_rest(clipped: Array, lo: Array, hi: Array, rows: Array, least: Array) -> tuple[Array, Array]:
     """The least ||qd|| with lo <= qd <= hi and ``rows`` qd >= ``least``, and by how much each row had to give way.
 

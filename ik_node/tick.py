@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import bounded, se3
+from ik_node import bounded, se3, small_programs
 from ik_node.errors import InputError
 from ik_node.limits import JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
@@ -14,10 +14,34 @@ from ik_node.resolution import Resolution, resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
+from ik_node.singular_view import smooth_step
+from ik_node.singularity import START, Passage, PassageState, pass_singularities
 from ik_node.surroundings import Closest, Lookout, Surroundings
 
 NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
+
+
+STANDSTILL = 0.05
+"""An arm that does less than this part of a twist stands before a limit."""
+LEAST_TWIST = 1e-3
+"""Twists with no entry beyond this, m/s or rad/s, ask for too little to say so."""
+PATIENCE_S = 1.0
+"""For so long the direction is kept all the same."""
+ROUNDING = 1e-9
+"""Trespasses of a limit up to this, rad/s (m/s), are rounding."""
+LETTING_GO_S = 0.5
+"""How long the change takes then."""
+
+
+class TickMemory(NamedTuple):
+    """What one tick hands to the next."""
+
+    passage: PassageState
+    scale: float
+    """s, by the limits."""
+    blocked_s: float
+    """For how long the arm has been standing before a limit, s."""
 
 
 class Moment(NamedTuple):
@@ -41,7 +65,9 @@ class Outcome(NamedTuple):
     joint_velocity: Array
     """(n,), rad/s (m/s), finite and within the velocity limits."""
     scale: float
-    """s: the part of V_f that the limits let through."""
+    """The part of V_f that is done: ``pace`` times what the limits let through of it."""
+    pace: float
+    """How much slower than V the tool goes to pass a singularity on its path."""
     lost_b: Array
     """V - V_f."""
     multiplier_task: Array
@@ -63,6 +89,7 @@ class TickSolver:
         """Raises SettingsError when limits do not fit the robot, and as :class:`Lookout` does."""
         self._robot = robot
         self.lookout = Lookout(robot, settings.obstacles)
+        self._memory = TickMemory(START, 1.0, 0.0)
         self.configure(settings)
 
     def configure(self, settings: Settings) -> None:
@@ -70,9 +97,22 @@ class TickSolver:
         self.limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         self.lookout.configure(settings.obstacles)
         self._control = settings.control
+        self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
         self._null_space_cap = np.full(self._robot.n, settings.control.null_space_speed)
+
+    def memory(self) -> TickMemory:
+        """For :meth:`recall`."""
+        return self._memory
+
+    def recall(self, memory: TickMemory) -> None:
+        """Goes on, bit for bit, from ``memory``."""
+        self._memory = memory
+
+    def begin(self) -> None:
+        """The arm begins anew: nothing has been lost yet."""
+        self._memory = TickMemory(START, 1.0, 0.0)
 
     @property
     def without_effect(self) -> str:
@@ -89,19 +129,32 @@ class TickSolver:
         control = self._control
         bounds, seen = self._surroundings(moment, control.method == "obstacle_gradient")
         kinematics = self._robot.evaluate(moment.q_middle)
-        jacobian, twist = kinematics.jacobian_b, twist_b
         to_frame = None if control.jacobian == "body" else se3.adjoint(kinematics.pose_sb)
+        jacobian, twist = kinematics.jacobian_b, twist_b
         if to_frame is not None:
             jacobian, twist = to_frame @ jacobian, to_frame @ twist
+        passage = pass_singularities(
+            self._robot_jacobian,
+            moment.q_middle,
+            jacobian,
+            twist,
+            moment.previous,
+            bounds,
+            self.limits,
+            self._row_scale,
+            self._singularity,
+            self._memory.passage,
+            moment.elapsed_s,
+            self._memory.scale,
+        )
         weight, gradient = self._cost(moment, seen)
         gain = 0.0 if gradient is None else control.gradient_gain
         wanted = resolve(
-            jacobian,
-            twist,
+            passage.jacobian,
+            passage.twist,
             weight,
             gradient,
             gain,
-            threshold=control.singularity_threshold,
             row_scale=self._row_scale,
             null_space_cap=self._null_space_cap,
             checked=True,
@@ -109,8 +162,8 @@ class TickSolver:
         answer = None
         if not _fits(wanted.joint_velocity, bounds, seen):
             answer = bounded.solve(
-                jacobian,
-                wanted.attained,
+                passage.jacobian,
+                passage.twist,
                 bounds.lo,
                 bounds.hi,
                 weight,
@@ -120,7 +173,58 @@ class TickSolver:
                 null_space_cap=self._null_space_cap,
                 dampers=None if seen is None else seen.dampers,
             )
-        return self._outcome(wanted, answer, bounds, seen, twist - wanted.attained, to_frame)
+        if passage.singular_values[-1] < control.singularity_threshold:
+            # Exactly, the multiplier grows without bound; what is published fades out with the lost direction.
+            faded = resolve(
+                jacobian,
+                twist,
+                weight,
+                gradient,
+                gain,
+                threshold=control.singularity_threshold,
+                row_scale=self._row_scale,
+                checked=True,
+            )
+            wanted = wanted._replace(
+                multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
+            )
+        scale = 1.0 if answer is None else answer.scale
+        blocked_s = self._blocked(passage.pace * scale, float(np.abs(twist).max()), moment.elapsed_s)
+        self._memory = TickMemory(passage.state, scale, blocked_s)
+        if answer is not None and blocked_s > PATIENCE_S:
+            velocity = self._let_go(answer.joint_velocity, jacobian, twist, bounds, seen)
+            answer, lost = answer._replace(joint_velocity=velocity), twist - jacobian @ velocity
+            passage = passage._replace(lost=lost)
+        return self._outcome(wanted, answer, bounds, seen, passage, to_frame)
+
+    def _blocked(self, part: float, fastest: float, elapsed_s: float) -> float:
+        """For how long the arm has been standing before a limit, s: next to nothing of a twist was done."""
+        if part < STANDSTILL and fastest > LEAST_TWIST:
+            return min(self._memory.blocked_s + elapsed_s, PATIENCE_S + LETTING_GO_S)
+        return max(self._memory.blocked_s - elapsed_s, 0.0)
+
+    def _let_go(
+        self, velocity: Array, jacobian: Array, twist: Array, bounds: JointBounds, seen: Surroundings | None
+    ) -> Array:
+        """``velocity`` on its way to the one that comes nearest to the twist, its direction given up.
+
+        A limit that stands in the way of the direction would else hold the arm for ever.
+        """
+        rows, least = (np.zeros((0, len(velocity))), np.zeros(0))
+        if seen is not None:
+            rows, least = seen.dampers.rows, seen.dampers.least
+        scaled = self._row_scale[:, None] * jacobian
+        nearest = small_programs.nearest_to_twist(scaled, self._row_scale * twist, bounds.lo, bounds.hi, rows, least)
+        if nearest is None:
+            return velocity
+        part = smooth_step((self._memory.blocked_s - PATIENCE_S) / LETTING_GO_S)
+        return np.asarray((1.0 - part) * velocity + part * nearest)
+
+    def _robot_jacobian(self, q: Array) -> Array:
+        kinematics = self._robot.evaluate(q)
+        if self._control.jacobian == "body":
+            return kinematics.jacobian_b
+        return np.asarray(se3.adjoint(kinematics.pose_sb) @ kinematics.jacobian_b)
 
     def follow_velocity(self, moment: Moment, wanted: Array) -> Outcome:
         """The longest part of a joint velocity ``wanted`` (n,) that limits and dampers let through.
@@ -133,8 +237,9 @@ class TickSolver:
         jacobian = self._robot.evaluate(moment.q_middle).jacobian_b * self._row_scale[:, None]
         unknown = np.full(6, np.nan)
         return Outcome(
-            _finite(answer.joint_velocity),
+            _released(answer.joint_velocity, bounds),
             answer.scale,
+            1.0,
             np.zeros(6),
             unknown,
             unknown,
@@ -166,21 +271,22 @@ class TickSolver:
         answer: bounded.Bounded | None,
         bounds: JointBounds,
         seen: Surroundings | None,
-        lost: Array,
+        passage: Passage,
         to_frame: Array | None,
     ) -> Outcome:
-        task, potential = wanted.multiplier_task, wanted.multiplier_potential
+        lost, task, potential = passage.lost, wanted.multiplier_task, wanted.multiplier_potential
         if to_frame is not None:
             lost = np.asarray(np.linalg.solve(to_frame, lost))
             task, potential = to_frame.T @ task, to_frame.T @ potential
         dampers = None if seen is None else seen.dampers
         return Outcome(
-            _finite(wanted.joint_velocity if answer is None else answer.joint_velocity),
-            1.0 if answer is None else answer.scale,
+            _released(wanted.joint_velocity if answer is None else answer.joint_velocity, bounds),
+            passage.pace * (1.0 if answer is None else answer.scale),
+            passage.pace,
             lost,
             task,
             potential,
-            wanted.singular_values,
+            passage.singular_values,
             () if answer is None else answer.binding(bounds, self._robot.joints, dampers),
             self._conceded(bounds, answer, seen),
             NOTHING_SEEN if seen is None else seen.closest,
@@ -202,7 +308,14 @@ def _fits(velocity: Array, bounds: JointBounds, seen: Surroundings | None) -> bo
     return seen is None or bool((seen.dampers.rows @ velocity >= seen.dampers.least).all())
 
 
-def _finite(velocity: Array) -> Array:
+def _released(velocity: Array, bounds: JointBounds) -> Array:
+    """The last gate: finite, and within the velocity limits to the last bit.
+
+    InputError when it is off by more than rounding: then something inside is wrong, and the arm has to stop.
+    """
     if not np.isfinite(velocity).all():
         raise InputError(f"the resolution gave a joint velocity that is not finite: {velocity}")
-    return velocity
+    held = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
+    if np.abs(held - velocity).max() > ROUNDING:
+        raise InputError(f"the resolution gave a joint velocity over its limits: {velocity}")
+    return held

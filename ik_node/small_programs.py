@@ -284,7 +284,7 @@ def nearest_to_twist(jacobian: Array, twist: Array, lo: Array, hi: Array, rows: 
     found, _, flag, _ = daqp.solve(hessian, slope, np.ascontiguousarray(rows), upper, lower, primal_tol=1e-10)
     if flag != 1 or not np.isfinite(found).all():
         return None
-    return np.minimum(np.maximum(found, lo), hi)
+    return np.asarray(np.minimum(np.maximum(found, lo), hi))
 
 
 def nearest_to_rest(clipped: Array, lo: Array, hi: Array, rows: Array, least: Array) -> tuple[Array, Array]:

@@ -117,10 +117,14 @@ def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None
 
 
 def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> None:
-    report, said = demo(tmp_path / "ur5", "--robot", "ur5", "--target-rate", "500", "--rate", "250")
+    arguments = ("--robot", "ur5", "--target-rate", "500", "--rate", "250", "--method", "inertia_weighted")
+    report, said = demo(tmp_path / "ur5", *arguments)
     assert report["tracking"]["settled"]["position_rms_mm"] < 0.5, said
     assert report["tracking"]["settled"]["orientation_rms_mrad"] < 1.0, said
     assert_safe(tmp_path / "ur5")
+    run = load_run(tmp_path / "ur5" / "bag")
+    assert (run.robot, run.settings["rate_hz"], run.settings["method"]) == ("ur5", 250.0, "inertia_weighted")
+    assert np.median(np.diff(run.times_s)) > 0.003
 
 
 def test_ctrl_c_ends_it_with_a_whole_recording_and_a_report(tmp_path: Path) -> None:

@@ -89,22 +89,22 @@ class Demonstration:
     # --- processes ---------------------------------------------------------------------------------------------------
 
     def _simulator(self, out: Path) -> NodeProcess:
-        arguments = [*self._common(), "-r", "commands:=/ik_node/commands"]
+        arguments = [*self._common("ik_simulator"), "-r", "commands:=/ik_node/commands"]
         return NodeProcess("ik_node.cli.simulator", arguments, {}, out / "ik_simulator.log")
 
     def _node(self, out: Path) -> NodeProcess:
         recording = ["recording.enabled:=true", f"recording.directory:={out / 'bag'}"]
-        arguments = self._common()
+        arguments = self._common("ik_node")
         for value in (*recording, *self._options.overrides):
-            arguments += ["-p", value]
+            arguments += ["-p", f"ik_node:{value}"]
         return NodeProcess("ik_node.cli.node", arguments, {}, out / "ik_node.log")
 
-    def _common(self) -> list[str]:
-        arguments = ["-p", f"robot:={self._options.robot}"]
-        if self._config is not None:
-            arguments += ["--params-file", str(self._config)]
+    def _common(self, node: str) -> list[str]:
+        """The file comes first, and values bear the node's name as the file does: else the file's go before."""
+        arguments = [] if self._config is None else ["--params-file", str(self._config)]
+        arguments += ["-p", f"{node}:robot:={self._options.robot}"]
         if self._options.rate_hz is not None:
-            arguments += ["-p", f"rate_hz:={float(self._options.rate_hz)!r}"]
+            arguments += ["-p", f"{node}:rate_hz:={float(self._options.rate_hz)!r}"]
         return arguments
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ik_node.recording.events import RecordedCalls
-from ik_node.replay.same import TOLERANCE, Comparison, Parting
+from ik_node.replay.same import SINGULAR_TOLERANCE, TOLERANCE, Comparison, Parting
 from ik_node.replay.what_if import Figures, OpenLoop
 
 _LONGEST = 300
@@ -15,11 +15,11 @@ _LONGEST = 300
 
 def as_plain(found: Comparison) -> dict[str, Any]:
     """Figures as JSON has them."""
-    first = found.first
     return {
         "identical": found.identical,
         "holds": found.holds,
         "tolerance": TOLERANCE,
+        "singular_tolerance": SINGULAR_TOLERANCE,
         "calls": found.calls,
         "ticks": found.ticks,
         "duration_s": found.duration_s,
@@ -27,11 +27,18 @@ def as_plain(found: Comparison) -> dict[str, Any]:
         "lost": {"calls": found.lost_calls, "skipped_calls": found.skipped_calls, "steps": found.lost_steps},
         "elsewhere": list(found.elsewhere),
         "largest": {name: None if math.isinf(size) else size for name, size in found.largest.items()},
-        "first": None
-        if first is None
-        else {"tick": first.tick, "time_s": first.time_s, "source": first.source, "field": first.field}
-        | {"recorded": first.recorded, "replayed": first.replayed},
+        "sayings": found.sayings,
+        "first": _plain_parting(found.first),
+        "beyond": _plain_parting(found.beyond),
     }
+
+
+def _plain_parting(parting: Parting | None) -> dict[str, Any] | None:
+    if parting is None:
+        return None
+    size = None if math.isinf(parting.size) else parting.size
+    where = {"tick": parting.tick, "time_s": parting.time_s, "source": parting.source, "field": parting.field}
+    return {**where, "size": size, "recorded": parting.recorded, "replayed": parting.replayed}
 
 
 def as_text(recorded: RecordedCalls, found: Comparison, took_s: float) -> str:
@@ -61,9 +68,13 @@ def _verdict(found: Comparison) -> list[str]:
     if there:
         there = ["made      elsewhere, or by other code:", *there]
     largest = [f"          {name} parts by up to {size:.3g}" for name, size in found.largest.items()]
+    if found.sayings:
+        largest.append(f"          {found.sayings} steps say something else of status, limits or the closest pair")
     if found.holds:
-        return [*there, f"same      but for rounding: no number parts by more than {TOLERANCE:g}", *largest]
-    return [*there, *_parting(found.first), "apart     at most, in SI units:", *largest]
+        bound = f"{TOLERANCE:g}, near singularities {SINGULAR_TOLERANCE:g}"
+        return [*there, f"same      but for rounding: no number parts by more than {bound}", *largest]
+    parting = found.beyond if there and found.beyond is not None else found.first
+    return [*there, *_parting(parting), "apart     at most, in SI units:", *largest]
 
 
 def _parting(first: Parting) -> list[str]:

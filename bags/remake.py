@@ -1,0 +1,155 @@
+"""Makes the recordings of this folder anew: the real node and the simulated arm over DDS, one after the other."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+from ik_node.recording.bag_metadata import Qos
+from ik_node.recording.mcap_reader import Recording
+from ik_node.recording.writer import Recorder, RecorderOptions
+
+FOLDER = Path(__file__).resolve().parent
+COMMON = ("--headless", "--rate", "100")
+"""A low rate keeps them small."""
+LEFT_OUT = ("joint_velocity", "current_pose", "desired_pose", "twist_error", "task", "potential", "diagnostics")
+"""Outputs that say again what stands in the steps."""
+
+Row = tuple[float, float, float, float, float, float]
+"""Time, x, y, z, turn about x, turn about z: from where the arm stands; s, m, rad."""
+
+
+def swing(time_s: float, duration_s: float) -> float:
+    """From 0 to 1 and back, at rest at both ends."""
+    return 0.5 - 0.5 * math.cos(2.0 * math.pi * min(time_s, duration_s) / duration_s)
+
+
+def stretched() -> Iterable[Row]:
+    """Outwards until the elbow is straight, further than the arm reaches, and back."""
+    for index in range(126):
+        part = swing(0.02 * index, 2.5)
+        yield 0.02 * index, 0.55 * part, 0.0, 0.1 * part, 0.0, 0.0
+
+
+def there_and_back() -> Iterable[Row]:
+    """Sideways with a turn of the tool, and back."""
+    for index in range(101):
+        part = swing(0.02 * index, 2.0)
+        yield 0.02 * index, 0.0, 0.15 * part, 0.05 * part, 0.2 * part, 0.4 * part
+
+
+def turned() -> Iterable[Row]:
+    """The tool about its own axis, further than its joint may go, and back."""
+    for index in range(126):
+        part = swing(0.02 * index, 2.5)
+        yield 0.02 * index, 0.05 * part, 0.02 * part, 0.03 * part, 0.0, -1.5 * part
+
+
+def with_gaps() -> Iterable[Row]:
+    """A circle of which samples are missing."""
+    for index in range(151):
+        time_s = 0.02 * index
+        if 0.8 < time_s < 0.95 or 1.8 < time_s < 2.5:
+            continue
+        angle = 2.0 * math.pi * swing(time_s, 6.0)
+        yield time_s, 0.0, 0.06 * math.sin(angle), 0.06 * (1.0 - math.cos(angle)), 0.0, 0.0
+
+
+class Case(NamedTuple):
+    """One recording."""
+
+    arguments: tuple[str, ...]
+    """For ``ik_demo``."""
+    rows: Callable[[], Iterable[Row]] = there_and_back
+    """Its targets."""
+
+
+CASES = {
+    **{
+        method: Case(("--method", method))
+        for method in ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+    },
+    "ik_difference": Case(("--robot", "ur5", "--set", "control_law=ik_difference")),
+    "singularity": Case((), stretched),
+    "limit": Case(("--set", "limits.position_upper=[2.8, 1.7, 2.8, -0.1, 2.8, 3.7, 1.2]"), turned),
+    "gaps": Case((), with_gaps),
+    "obstacle": Case(("--method", "obstacle_gradient", "--set", f"obstacles.scene={FOLDER / 'scene.yaml'}")),
+}
+
+
+def write_rows(path: Path, rows: Iterable[Row]) -> None:
+    """Poses as a file that ``ik_demo`` reads."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("time", "x", "y", "z", "qx", "qy", "qz", "qw"))
+        for time_s, x, y, z, about_x, about_z in rows:
+            sx, cx = math.sin(0.5 * about_x), math.cos(0.5 * about_x)
+            sz, cz = math.sin(0.5 * about_z), math.cos(0.5 * about_z)
+            writer.writerow((time_s, x, y, z, cz * sx, sz * sx, sz * cx, cz * cx))
+
+
+def compact(source: Path, target: Path) -> None:
+    """What a replay needs, in few large chunks: live, a chunk is what was written in 0.1 s."""
+    recorder = Recorder(target, RecorderOptions(flush_period_s=3600.0))
+    about = yaml.safe_load((source / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    channels = {}
+    for entry in about["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        if topic["name"].rpartition("/")[2] in LEFT_OUT:
+            continue
+        latched = topic["offered_qos_profiles"][0]["durability"] == "transient_local"
+        channels[topic["name"]] = recorder.channel(
+            topic["name"], topic["type"], Qos(1 if latched else 10, True, latched)
+        )
+    for message in Recording(source).messages(set(channels)):
+        recorder.write(
+            channels[message.topic], message.data, message.log_time_ns, message.publish_time_ns, message.sequence
+        )
+    recorder.close()
+    if recorder.error or recorder.dropped:
+        sys.exit(f"{target}: {recorder.error or 'messages were left out'}")
+
+
+def remake(name: str) -> None:
+    """Runs one case and puts its recording into this folder."""
+    case = CASES[name]
+    with tempfile.TemporaryDirectory() as scratch:
+        out, poses = Path(scratch, "run"), Path(scratch, "poses.csv")
+        write_rows(poses, case.rows())
+        arguments = ["--out", str(out), *COMMON, *case.arguments, "--trajectory", str(poses), "--relative"]
+        print(f"{name} ...", flush=True)
+        done = subprocess.run(
+            [sys.executable, "-m", "ik_node.cli.demo", *arguments], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            sys.exit(f"{name}: ik_demo ended with {done.returncode}\n{done.stdout}{done.stderr}")
+        shutil.rmtree(FOLDER / name, ignore_errors=True)
+        compact(out / "bag", FOLDER / name)
+
+
+def main() -> None:
+    """The cases that are named, or all of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"recordings to make [all: {', '.join(CASES)}]")
+    names = parser.parse_args().names or list(CASES)
+    unknown = [name for name in names if name not in CASES]
+    if unknown:
+        parser.error(f"no recording {', '.join(unknown)}; valid: {', '.join(CASES)}")
+    for name in names:
+        remake(name)
+    size = sum(path.stat().st_size for path in FOLDER.rglob("*") if path.is_file())
+    print(f"{size / 1e6:.2f} MB in {FOLDER}")
+
+
+if __name__ == "__main__":
+    main()

@@ -35,6 +35,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         folder("config"),
+        folder("config/scenes"),
         folder("launch"),
     ],
     python_requires=">=3.10",

@@ -27,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--target-rate", type=float, help="poses sent, Hz [a file's own times if it has any, else 50]")
     result.add_argument("--rate", type=float, help="joint states, and so ticks, per second [as configured]")
     result.add_argument("--out", type=Path, help="new folder for recording and report [ik_demo_<robot>_<time>]")
+    result.add_argument("--scene", type=Path, help="YAML file of obstacles, e.g. config/scenes/ball.yaml")
     result.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node")
     result.add_argument("--headless", action="store_true", help="do not open the picture at the end")
     add_options(result.add_argument_group("file of poses"))
@@ -44,6 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from ik_node.ros.demonstration import Demonstration, DemoOptions
 
         overrides = [value.replace("=", ":=", 1) for value in options.set]
+        if options.scene is not None:
+            overrides.append(f"obstacles.scene:={options.scene.resolve()}")
         if options.method:
             overrides.append(f"method:={options.method}")
         demonstration = Demonstration(

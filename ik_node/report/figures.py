@@ -72,6 +72,16 @@ class Scaling(NamedTuple):
     """Limits that bound, with the time they did in s, longest first."""
 
 
+class Nearness(NamedTuple):
+    """How near the arm came to obstacles and to itself."""
+
+    least: float
+    """Smallest clearance, m; NaN where none was measured."""
+    time_s: float
+    pair: tuple[str, ...]
+    """Which two it was between."""
+
+
 class Period(NamedTuple):
     """Time in one mode for one reason."""
 
@@ -95,6 +105,7 @@ class Report(NamedTuple):
     speed: Speed
     singularity: Singularity
     scaling: Scaling
+    nearness: Nearness
     periods: tuple[Period, ...]
     """Longest first."""
     targets: int
@@ -128,6 +139,7 @@ def figures(run: Run, truth: Truth | None = None, trajectory: str = "", settle_s
         speed=_speed(run),
         singularity=_singularity(run, held_s),
         scaling=_scaling(run, held_s),
+        nearness=_nearness(run),
         periods=_periods(run, held_s),
         targets=len(run.targets.times_s),
         target_rate_hz=_rate(run.targets.times_s),
@@ -211,6 +223,14 @@ def _singularity(run: Run, held_s: Array) -> Singularity:
         lost_angular_max=float(angular.max(initial=0.0)),
         lossy_s=float(held_s[lossy].sum()),
     )
+
+
+def _nearness(run: Run) -> Nearness:
+    known = np.isfinite(run.clearance)
+    if not known.any():
+        return Nearness(math.nan, math.nan, ())
+    row = int(np.where(known, run.clearance, np.inf).argmin())
+    return Nearness(float(run.clearance[row]), float(run.times_s[row]), run.closest_pair[row])
 
 
 def _scaling(run: Run, held_s: Array) -> Scaling:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.errors import RecordingError
+from ik_node.errors import RecordingError, SceneError
 from ik_node.recording.run import Run
-from ik_node.report.figures import Report, part_of_limit
+from ik_node.report.figures import Nearness, Report, part_of_limit
 from ik_node.report.text import as_text, title
 from ik_node.report.tracking import Series
+from ik_node.scene import read_scene
 from ik_node.se3 import Array
 from ik_node.step import Mode
 
@@ -81,9 +82,11 @@ def _compose(figure: Any, run: Run, report: Report) -> None:
     )
     left = outer[0].subgridspec(2, 1, height_ratios=(1.0, 0.58), hspace=0.06)
     joints = len(run.joints)
-    right = outer[1].subgridspec(5, 1, height_ratios=(1.0, 1.0, 0.36 * joints, 0.9, 0.28), hspace=0.32)
+    right = outer[1].subgridspec(6, 1, height_ratios=(0.9, 0.9, 0.34 * joints, 0.8, 0.6, 0.28), hspace=0.36)
     if report.series is not None:
-        _path(figure, figure.add_subplot(left[0], projection="3d"), report.series)
+        axes = figure.add_subplot(left[0], projection="3d")
+        _path(figure, axes, report.series)
+        _obstacles(axes, run)
     _figures(figure.add_subplot(left[1]), report)
     first = figure.add_subplot(right[0])
     if report.tracking is not None and report.series is not None:
@@ -100,7 +103,8 @@ def _compose(figure: Any, run: Run, report: Report) -> None:
     strips = right[2].subgridspec(joints, 1, hspace=0.12)
     _velocities([figure.add_subplot(strips[index], sharex=first) for index in range(joints)], run)
     _conditioning(figure.add_subplot(right[3], sharex=first), run)
-    timeline = figure.add_subplot(right[4], sharex=first)
+    _clearance(figure.add_subplot(right[4], sharex=first), run, report.nearness)
+    timeline = figure.add_subplot(right[5], sharex=first)
     _timeline(timeline, run)
     for axes in figure.axes:
         if axes is not timeline and axes.get_shared_x_axes().joined(axes, timeline):
@@ -207,11 +211,11 @@ def _conditioning(axes: Any, run: Run) -> None:
     """Least singular value with the threshold of fading, and the scale s on its own axis."""
     times, values = thin(run.times_s, run.singular_values[:, -1])
     axes.plot(times, values, color=BLUE)
-    threshold = run.settings.get("singularity_threshold")
+    threshold = run.settings.get("singularity.threshold")
     if isinstance(threshold, float):
         axes.axhline(threshold, color=VERMILION, linewidth=1.0, linestyle="--")
         axes.annotate(
-            "directions fade below",
+            "looked after below",
             (0.005, threshold),
             xycoords=("axes fraction", "data"),
             color=VERMILION,
@@ -225,6 +229,49 @@ def _conditioning(axes: Any, run: Run) -> None:
     scale.set_ylim(0.0, 1.08)
     scale.set_ylabel("s", rotation=0)
     axes.set_title("Least singular value of the Jacobian (blue) and scale s (black)")
+
+
+def _clearance(axes: Any, run: Run, nearness: Nearness) -> None:
+    """Distance of the closest pair over time."""
+    axes.set_title("Clearance [mm]")
+    if not np.isfinite(nearness.least):
+        axes.annotate("not measured", (0.5, 0.4), xycoords="axes fraction", ha="center", color=INK)
+        axes.set_yticks([])
+        return
+    known = np.isfinite(run.clearance)
+    axes.plot(*thin(run.times_s[known], 1e3 * run.clearance[known]), color=BLUE)
+    axes.axhline(0.0, color=VERMILION, linewidth=1.0)
+    axes.set_title(f"Clearance [mm]; least between {' and '.join(nearness.pair)}")
+
+
+def _obstacles(axes: Any, run: Run) -> None:
+    """The obstacles of the scene file that the run was given, where it still lies where it was; those at rest."""
+    path = Path(str(run.settings.get("obstacles.scene", "")))
+    if not path.is_file():
+        return
+    try:
+        scene = read_scene(path)
+    except SceneError:  # in frames of the arm, or changed since: the picture goes without
+        return
+    turn, rise = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, 1.0, 7))
+    for entry in scene.obstacles.values():
+        size = entry.shape.size
+        if entry.shape.kind == "box":
+            square = np.sqrt(2.0) * np.round(np.stack((np.cos(turn + np.pi / 4), np.sin(turn + np.pi / 4))), 12)
+            square /= np.maximum(np.abs(square).max(axis=0), 1e-9)
+            solid = np.stack((0.5 * size[0] * square[0], 0.5 * size[1] * square[1], size[2] * (rise - 0.5)))
+        elif entry.shape.kind == "sphere":
+            around, up = np.sin(np.pi * rise), np.cos(np.pi * rise)
+            solid = size[0] * np.stack((around * np.cos(turn), around * np.sin(turn), up))
+        else:
+            solid = np.stack((size[0] * np.cos(turn), size[0] * np.sin(turn), size[1] * (rise - 0.5)))
+        placed = np.einsum("ij,jkl->ikl", entry.pose_s[:3, :3], solid) + entry.pose_s[:3, 3][:, None, None]
+        axes.plot_wireframe(*placed, color=VERMILION, linewidth=0.5, alpha=0.7)
+    points = np.array([entry.pose_s[:3, 3] for entry in scene.obstacles.values()])
+    for axis, limits, along in zip("xyz", (axes.get_xlim(), axes.get_ylim(), axes.get_zlim()), points.T, strict=True):
+        low, high = min(limits[0], float(along.min())), max(limits[1], float(along.max()))
+        getattr(axes, f"set_{axis}lim")(low, high)
+    axes.set_aspect("equal")
 
 
 def _timeline(axes: Any, run: Run) -> None:

@@ -37,6 +37,9 @@ def as_text(report: Report) -> str:
     lines.append(f"commands     {speed.non_finite} not finite, {speed.over_limit} over a velocity limit")
     lines += _singularity(report.singularity)
     lines.append(_scaling(report.scaling))
+    near = report.nearness
+    if math.isfinite(near.least):
+        lines.append(f"clearance    least {1e3 * near.least:.1f} mm ({near.time_s:.2f} s), {' - '.join(near.pair)}")
     lines += [
         f"{period.mode:<12} {period.duration_s:7.2f} s  {period.reason}" for period in report.periods[:MOST_PERIODS]
     ]

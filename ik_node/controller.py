@@ -195,6 +195,11 @@ class Controller:
         self._targets.configure(settings)
         self._follow.configure(settings.follow)
 
+    @property
+    def geometry(self) -> str:
+        """A digest of what distances are measured with; see :attr:`ik_node.surroundings.Lookout.digest`."""
+        return self._solver.lookout.digest
+
     # --- state -------------------------------------------------------------------------------------------------------
 
     def state(self) -> ControllerState:

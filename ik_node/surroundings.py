@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 
 from ik_node import collision
@@ -51,6 +53,18 @@ class Lookout:
         if settings.scene:
             at_zero = np.zeros(robot.n)
             self.scene = read_scene(settings.scene, lambda frame: robot.frame_pose(at_zero, frame))
+
+    @property
+    def digest(self) -> str:
+        """Tells the solids and the watched pairs from others; why nothing is seen, where that is so."""
+        if self._clearance is None:
+            return self.unavailable
+        geometry = self._clearance.geometry
+        digest = hashlib.sha256(repr(geometry.watched()).encode())
+        for link in geometry.links:
+            digest.update(f"{link.name} {type(link.solid).__name__}".encode())
+            digest.update(link.points.tobytes() + link.placement.homogeneous.tobytes())
+        return digest.hexdigest()[:16]
 
     def configure(self, settings: ObstacleSettings) -> None:
         """Other settings from now on; what is read-only stays as it was."""

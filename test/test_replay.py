@@ -245,6 +245,19 @@ def test_it_says_where_messages_were_lost_and_goes_on_at_the_next_state(tmp_path
     assert found.ticks + found.lost_steps + found.skipped_calls + found.lost_calls >= len(loop.steps)
 
 
+def test_other_meshes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Distances depend on files that the recording does not hold: it says that they are others."""
+    loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0})
+    follow(loop, 0.2)
+    finish(loop)
+    recorded = RecordedCalls(tmp_path / "bag")
+    other = recorded.head.settings.with_values({"obstacles.geometry": "capsule"})
+    monkeypatch.setattr(recorded, "controller", lambda: Controller(recorded.robot(), other))
+    found = replay(recorded)
+    assert any(line.startswith("collision geometry") for line in found.elsewhere)
+    assert not found.holds
+
+
 # --- the command line ---
 
 

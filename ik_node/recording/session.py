@@ -85,6 +85,8 @@ class RunSetup(NamedTuple):
     one."""
     state: ControllerState | None = None
     """What the controller remembers when the recording begins; None: it has not been called yet."""
+    geometry: str = ""
+    """A digest of what distances are measured with."""
 
 
 class _Put(NamedTuple):
@@ -102,7 +104,9 @@ class RunRecording:
         self.node = setup.node.rstrip("/")
         self._setup = setup
         self._settings = setup.settings
-        self._recorder = Recorder(directory, options, {"ik_node": ik_node.__version__, "format": str(FORMAT)})
+        self._recorder = self._make_recorder(
+            directory, options, {"ik_node": ik_node.__version__, "format": str(FORMAT)}
+        )
         self._steps = StepEncoder(self.node, setup.robot.n)
         own = {SETUP: STRING_TYPE, PARAMETERS: PARAMETERS_TYPE, STATE: STRING_TYPE, STEP_TEXTS: TEXTS_TYPE}
         self._channels = {
@@ -124,6 +128,9 @@ class RunRecording:
         self._put_parameters({}, now)
         if setup.state is not None:
             self._put_state(setup.state, now)
+
+    def _make_recorder(self, directory: Path, options: RecorderOptions | None, custom: dict[str, str]) -> Recorder:
+        return Recorder(directory, options, custom)
 
     # --- what happens ---
 
@@ -263,6 +270,7 @@ def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
         "inputs": dict(input_topics),
         "call_kinds": {kind.name.lower(): int(kind) for kind in CallKind},
         "urdf_sha256": hashlib.sha256(robot.urdf.encode()).hexdigest(),
+        "geometry": setup.geometry,
         "versions": dict(versions()),
     }
     return json.dumps(content, indent=1)

@@ -105,6 +105,9 @@ class _Replay:
         self._controller = recorded.controller()
         self._encoder = StepEncoder(recorded.head.node, self._controller.robot.n)
         self._found = Comparison(elsewhere=differences(recorded.head.setup["versions"]))
+        there, here = recorded.head.setup["geometry"], self._controller.geometry
+        if there != here:
+            self._found.elsewhere += (f"collision geometry {there} there, {here} here",)
         self._next = 0
         self._last: Event | None = None
         self._tick = 0

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ik_node.errors import InputError
-from ik_node.pseudoinverse import decompose, finite_matrix, positive_definite
+from ik_node.pseudoinverse import Decomposition, decompose, finite_matrix, positive_definite
 from ik_node.se3 import Array, vector
 
 
@@ -82,6 +82,7 @@ def resolve(
     row_scale: ArrayLike | None = None,
     null_space_cap: ArrayLike | None = None,
     checked: bool = False,
+    parts: Decomposition | None = None,
 ) -> Resolution:
     """Joint velocities qd that give ``twist`` V through ``jacobian`` J at the least cost; see the module.
 
@@ -106,7 +107,8 @@ def resolve(
     answer is still the exact optimum, of the lower k.
 
     ``checked``: the arrays are float arrays of the right shapes and W is known to be positive definite; nothing is
-    looked at again. NaN then comes out as NaN or as an InputError, never as a number.
+    looked at again. NaN then comes out as NaN or as an InputError, never as a number. ``parts``: the decomposition of J
+    with its rows times ``row_scale``, where the caller has it.
 
     Raises InputError naming the argument that has the wrong shape, is not finite, not positive (definite), or negative.
     """
@@ -129,7 +131,7 @@ def resolve(
                 raise InputError(f"{name} is {number}; expected a number >= 0")
         if gain > 0.0 and slope is None:
             raise InputError(f"gain is {gain} but there is no gradient")
-    return _solve(matrix, wanted, mass, slope, gain, threshold, scale, cap)
+    return _solve(matrix, wanted, mass, slope, gain, threshold, scale, cap, parts)
 
 
 def _positive(values: ArrayLike, size: int, name: str) -> Array:
@@ -149,10 +151,12 @@ def _solve(
     threshold: float,
     row_scale: Array | None,
     cap: Array | None,
+    parts: Decomposition | None,
 ) -> Resolution:
     m = len(jacobian)
-    scaled = jacobian if row_scale is None else row_scale[:, None] * jacobian
-    u, sigma, vt, rank, _ = decompose(scaled, "jacobian")
+    if parts is None:
+        parts = decompose(jacobian if row_scale is None else row_scale[:, None] * jacobian, "jacobian")
+    u, sigma, vt, rank, _ = parts
     fade, inverse = _filter(sigma, rank, threshold)
     left, rows, null = u[:, :rank], vt[:rank], vt[rank:]
     along = left.T @ (twist if row_scale is None else row_scale * twist)

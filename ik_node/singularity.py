@@ -40,7 +40,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.limits import JointBounds, MotionLimits
-from ik_node.pseudoinverse import decompose
+from ik_node.pseudoinverse import Decomposition, decompose
 from ik_node.se3 import Array
 from ik_node.settings import SingularitySettings
 from ik_node.singular_view import JacobianAt, Neighbourhood, clip, look, same_side, slow_enough, smooth_step
@@ -101,6 +101,8 @@ class Passage(NamedTuple):
     """Smallest weight of a direction: 1 kept, 0 let go."""
     singular_values: Array
     """Of D J, descending, m."""
+    parts: Decomposition | None
+    """Of D times ``jacobian``; None where that is not J itself."""
     state: PassageState
     """To be handed to the next call."""
 
@@ -130,7 +132,7 @@ def pass_singularities(
     u, sigma, rows = parts.u, parts.sigma, parts.vt[:size]
     if sigma[-1] >= settings.threshold:
         free = PassageState(max(0.0, state.lost_s - elapsed_s), "free", 1.0, 0.0)
-        return Passage(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, free)
+        return Passage(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, parts, free)
     near = Neighbourhood(jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance)
     patient = 1.0 - smooth_step((state.lost_s - settings.patience_s) / LETTING_GO_S)
     wanted = near.rates(sigma, near.along)
@@ -177,6 +179,7 @@ def pass_singularities(
         pace,
         float(keep[few].min()),
         sigma,
+        parts if safe is jacobian else None,
         after._replace(lost_s=lost_s),
     )
 

@@ -158,6 +158,7 @@ class TickSolver:
             row_scale=self._row_scale,
             null_space_cap=self._null_space_cap,
             checked=True,
+            parts=passage.parts,
         )
         answer = None
         if not _fits(wanted.joint_velocity, bounds, seen):

@@ -52,7 +52,8 @@ def rotation_from_quaternion(xyzw: ArrayLike, name: str = "orientation") -> Arra
 
 def quaternion_from_rotation(rotation: Array) -> Array:
     """Unit quaternion x, y, z, w of a rotation matrix (3, 3), with w >= 0."""
-    coefficients: Array = pin.Quaternion(rotation).coeffs()
+    # In Fortran's order: of other arrays eigenpy 3.13 makes a copy that it never frees, 80 bytes a call.
+    coefficients: Array = pin.Quaternion(np.asfortranarray(rotation)).coeffs()
     return -coefficients if coefficients[3] < 0.0 else coefficients
 
 

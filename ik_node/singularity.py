@@ -136,6 +136,10 @@ def pass_singularities(
     near = Neighbourhood(jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance)
     patient = 1.0 - smooth_step((state.lost_s - settings.patience_s) / LETTING_GO_S)
     wanted = near.rates(sigma, near.along)
+    if state.kept == 1.0 and state.lost_s <= settings.patience_s and near.easy(wanted, limits):
+        lost_s = _count(state.lost_s, scale_before, elapsed_s, previous, limits)
+        free = PassageState(lost_s, "free", 1.0, 0.0)
+        return Passage(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, parts, free)
     few = np.flatnonzero(sigma < settings.threshold).tolist()
     for index in few:
         wanted[index] = same_side(near, index, wanted[index], previous, bounds)

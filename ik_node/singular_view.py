@@ -26,6 +26,9 @@ NEAR_BOUNDARY_RAD = 0.15
 FAR_FROM_BOUNDARY_RAD = 0.35
 """... further than this it is kept."""
 
+TURNING, GROWTH = 1.5, 0.5
+"""Bounds of derivatives of J; the largest seen on eight arms: 1.06 and 0.30."""
+
 STEP = 1e-6
 """Of finite differences, rad (m)."""
 
@@ -56,6 +59,24 @@ class Neighbourhood(NamedTuple):
         """alpha: along / sigma, bounded by along / (tolerance / 2) at sigma = 0 with a continuous slope."""
         x = sigma / self.tolerance
         return np.asarray(along / np.where(x < 1.0, 0.5 * self.tolerance * (1.0 + x * x), sigma))
+
+    def easy(self, rates: Array, limits: MotionLimits) -> bool:
+        """True where no derivative is needed to see that the exact rates can be had: they are low, sigma is not.
+
+        With C the longest column of D J, \\|dJ/dq qd qd\\| <= ``TURNING`` C \\|qd\\|^2 and \\|d sigma/d alpha\\| <=
+        ``GROWTH`` C, with room to spare on every arm that was tried.
+        """
+        smallest, left = float(self.sigma[-1]), float(self.sigma[-1]) - self.tolerance
+        if left < self.tolerance:
+            return False
+        speed = float(np.sqrt(rates @ rates))
+        if speed > SPEED_PART * float(limits.velocity.min()):
+            return False
+        slowest = ACCELERATION_PART * float(limits.acceleration.min())
+        column = float(np.sqrt((self.sigma[:, None] ** 2 * self.rows**2).sum(axis=0).max()))
+        if TURNING * column * speed * speed > slowest * smallest:
+            return False
+        return speed <= float(viable_speed(np.array([left / (GROWTH * column)]), slowest, limits.dt_max_s)[0])
 
     def change(self, direction: Array) -> Array:
         """Derivative of D J along ``direction`` (n,), per unit of it."""

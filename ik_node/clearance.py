@@ -71,6 +71,7 @@ class Clearance:
         )
         self._parents = [link.parent for link in geometry.links]
         self._obstacles: tuple[Obstacle, ...] = ()
+        self._ahead: Clearance | None = None
         self._q = np.zeros(robot.n)
         self._turns = bool(robot.continuous.any())
         self._scene, self._scene_moves = Scene(), False
@@ -170,19 +171,18 @@ class Clearance:
         """(pairs,): 1 for pairs of links, 0 for obstacles."""
         return self._self
 
+    @property
+    def ahead(self) -> Clearance:
+        """Another measurer of the same arm, for places where it is going to be."""
+        if self._ahead is None:
+            self._ahead = Clearance(self.geometry)
+        return self._ahead
+
     def measure(self, q: Array, within: Array) -> tuple[Near, Closest]:
         """Pairs nearer than ``within`` (pairs,), m, and the closest of all, at q (n,)."""
-        robot = self.geometry.robot
-        moved = np.abs(robot.difference(self._q, q) if self._turns else q - self._q)
-        self._q = q.copy()
         if not self._pairs:
-            return _nothing(robot.n), _NOWHERE
-        self._bound -= self._reach @ moved
-        jacobian = robot.root_jacobian(q)
-        pin.updateGeometryPlacements(robot.model, robot.data, self._model, self._data)
-        measured: dict[int, Any] = {}
-        for pair in np.flatnonzero(self._bound < within).tolist():
-            self._measure(pair, measured)
+            return _nothing(self.geometry.robot.n), _NOWHERE
+        jacobian, measured = self._begin(q, within)
         # The closest: whatever still might be nearer than the nearest found so far.
         while True:
             pair = int(np.argmin(self._bound))
@@ -191,6 +191,25 @@ class Clearance:
             self._measure(pair, measured)
         near = [pair for pair in sorted(measured) if self._bound[pair] < within[pair]]
         return self._near(near, measured, jacobian), self._closest(pair, measured[pair])
+
+    def near(self, q: Array, within: Array) -> Near:
+        """As :meth:`measure`, without the closest."""
+        if not self._pairs:
+            return _nothing(self.geometry.robot.n)
+        jacobian, measured = self._begin(q, within)
+        return self._near([pair for pair in sorted(measured) if self._bound[pair] < within[pair]], measured, jacobian)
+
+    def _begin(self, q: Array, within: Array) -> tuple[Array, dict[int, Any]]:
+        """Lowers the bounds by the motion since the last call and measures what falls below ``within``."""
+        robot = self.geometry.robot
+        self._bound -= self._reach @ np.abs(robot.difference(self._q, q) if self._turns else q - self._q)
+        self._q = q.copy()
+        jacobian = robot.root_jacobian(q)
+        pin.updateGeometryPlacements(robot.model, robot.data, self._model, self._data)
+        measured: dict[int, Any] = {}
+        for pair in np.flatnonzero(self._bound < within).tolist():
+            self._measure(pair, measured)
+        return jacobian, measured
 
     def _measure(self, pair: int, measured: dict[int, Any]) -> None:
         # Pinocchio starts from the last answer, which shows in the last digits (1e-6 m was seen): forget it.

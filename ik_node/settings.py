@@ -246,9 +246,12 @@ class ObstacleSettings(Group):
     self_collision: bool = setting(True, "Watch pairs of the arm's own links.", read_only=True)
     ignored_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are not watched.", read_only=True)
     watched_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are watched all the same.", read_only=True)
-    range: float = setting(0.15, "Obstacles nearer than this push the null space.", "m", 0.001, 2.0)
+    range: float = setting(0.2, "Obstacles nearer than this push the null space.", "m", 0.001, 2.0)
     self_range: float = setting(0.05, "Links of the arm nearer than this push the null space.", "m", 0.001, 2.0)
-    strength: float = setting(100.0, "Push of a pair in contact.", "N", 0.0, 1e5)
+    strength: float = setting(1000.0, "Push of a pair in contact.", "N", 0.0, 1e5)
+    look_ahead_s: float = setting(
+        1.0, "The null space is pushed away also from what the arm is going to meet in this time.", "s", 0.0, 5.0
+    )
     damper: bool = setting(True, "Keep the speed of approach to obstacles and to itself low enough to stop.")
     damper_range: float = setting(0.5, "Dampers look no further than this.", "m", 0.001, 5.0)
     stop_distance: float = setting(0.01, "Distance from obstacles at which approach ends.", "m", 0.0, 1.0)

@@ -21,6 +21,7 @@ from ik_node.errors import InputError, SceneError
 from ik_node.limits import joint_bounds, motion_limits
 from ik_node.potentials import avoidance, gravity, posture
 from ik_node.potentials.avoidance import look_around
+from ik_node.potentials.dexterity import dexterity
 from ik_node.robot import Robot
 from ik_node.scene import AHEAD_S, Scene, obstacle, read_scene, shape
 from ik_node.se3 import Array
@@ -61,8 +62,8 @@ def test_psi_is_smooth_bounded_and_one_sided() -> None:
     assert (slope <= 0.0).all()
     assert (slope >= -1.0).all()
     assert (value[distance > 0.15] == 0.0).all()
-    assert np.gradient(value, distance)[1:-1] == pytest.approx(slope[1:-1], abs=1e-3)
-    assert np.abs(np.diff(slope)).max() < 1e-3  # No jump anywhere.
+    assert np.gradient(value, distance)[1:-1] == pytest.approx(slope[1:-1], abs=2e-3)
+    assert np.abs(np.diff(slope)).max() < 3e-3  # No jump anywhere.
 
 
 @pytest.mark.parametrize("base_offset", ["0 0 0", "0.3 -0.1 0.5"])
@@ -111,7 +112,7 @@ def test_the_push_leads_away_on_both_sides_of_contact() -> None:
         scene = Scene().put(obstacle("ball", shape("sphere", (0.1,)), at(end[0] + offset, end[1], end[2])))
         _, gradient = value_and_gradient(clearance, scene, q, ObstacleSettings(self_range=0.001))
         assert (linear @ -gradient)[0] < 0.0
-        assert np.abs(gradient).max() <= 100.0 * 1.9
+        assert np.abs(gradient).max() <= SETTINGS.strength * 1.9
 
 
 def around(q: Array) -> list[Array]:
@@ -122,6 +123,47 @@ def around(q: Array) -> list[Array]:
 def central(values: list[float]) -> Array:
     """Differences of the values at ``around``."""
     return np.asarray((np.array(values[::2]) - np.array(values[1::2])) / 2e-6)
+
+
+def test_the_push_also_comes_from_what_lies_ahead() -> None:
+    """Out of range now, met in a second at the present velocity: pushed already, by the gradient at that place."""
+    robot = ball_arm()
+    clearance, q, qd = Clearance(collision.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6]), np.zeros(6)
+    qd[0] = 0.5
+    there = robot.pose(q + SETTINGS.look_ahead_s * qd)
+    end = there[:3, 3] + 0.3 * there[:3, 2] + (0.2, 0.0, 0.0)
+    scene = Scene().put(obstacle("ball", shape("sphere", (0.1,)), at(*end)))
+    still = np.zeros(6)
+    settings = ObstacleSettings(self_range=0.001)
+    assert not look_around(clearance, scene, q, still, still, settings, 0.01, 0).potential.gradient.any()
+    ahead = look_around(clearance, scene, q, qd, still, settings, 0.01, 0).potential
+    same = look_around(clearance, scene, q + qd, still, still, settings, 0.01, 0).potential
+    assert ahead.gradient == pytest.approx(same.gradient, abs=1e-9)
+    assert ahead.value == pytest.approx(same.value)
+    assert ahead.gradient.any()
+
+
+def test_dexterity_is_the_gradient_along_the_null_space() -> None:
+    """Against differences of its value; nothing while the arm is not stretched, nothing without a null space."""
+    robot, rng, pushed = arm("panda"), np.random.default_rng(4), 0
+    scale = np.repeat((1.0, 0.3), 3)
+
+    def jacobian_at(q: Array) -> Array:
+        return robot.evaluate(q).jacobian_b
+
+    for _ in range(60):
+        q = random_position(robot, rng)
+        found = dexterity(jacobian_at, q, scale)
+        null = np.linalg.svd(scale[:, None] * jacobian_at(q))[2][-1]
+        step = 1e-5
+        difference = dexterity(jacobian_at, q + step * null, scale).value
+        difference -= dexterity(jacobian_at, q - step * null, scale).value
+        assert found.gradient @ null == pytest.approx(difference / (2.0 * step), rel=1e-4, abs=1e-3)
+        assert np.linalg.norm(found.gradient - (found.gradient @ null) * null) < 1e-9
+        pushed += bool(found.gradient.any())
+    assert 3 < pushed < 50
+    six = arm("ur5")
+    assert not dexterity(lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale).gradient.any()
 
 
 def test_secondary_gradients() -> None:

@@ -2,12 +2,16 @@
 
 ::
 
-    h   = F sum psi(d)         psi = 0                  beyond the range r
-                               psi = (r - d)^2 / (2 r)  from there to contact
-                               psi = r / 2 - d          in penetration
+    h   = F sum psi(d)         psi = 0                      beyond the range r
+                               psi = r / 4 (1 - d / r)^4    from there to contact
+                               psi = r / 4 - d              in penetration
 
-psi is continuously differentiable, its slope goes from 0 at the range to -1 at contact and stays there: the push never
-exceeds F per pair, and never changes its sign. F is a force (N), h an energy (J).
+psi is three times continuously differentiable at the range and its slope, -(1 - d / r)^3, stays at -1 in penetration:
+the push never exceeds F per pair and never changes its sign. The cube lets the nearest pair have its way where several
+pull apart. F is a force (N), h an energy (J).
+
+What counts is h(q) + h(q + tau qd): where the arm is, and where it will be after ``look_ahead_s`` if it goes on as it
+does. Without the second an elbow dodges to the side that is free now and meets the obstacle on its way back.
 
 A damper limits what a pair may lose of its distance to the speed from which it can still stop::
 
@@ -26,6 +30,7 @@ import numpy as np
 
 from ik_node.bounded import Dampers
 from ik_node.clearance import Clearance, Closest, Near
+from ik_node.clock import NS
 from ik_node.limits import viable_speed
 from ik_node.scene import Scene
 from ik_node.se3 import Array
@@ -53,7 +58,8 @@ def push(distance: Array, span: Array) -> tuple[Array, Array]:
     """psi and its slope at ``distance`` (k,) for ranges ``span`` (k,), m."""
     part = np.minimum(np.maximum(1.0 - distance / span, 0.0), 1.0)
     beyond = np.maximum(-distance, 0.0)
-    return np.asarray(0.5 * span * part * part + beyond), -part
+    slope = -part * part * part
+    return np.asarray(beyond - 0.25 * span * part * slope), slope
 
 
 def repulsion(near: Near, settings: ObstacleSettings) -> Potential:
@@ -94,6 +100,7 @@ def look_around(
     clearance.see(scene, time_ns)
     own = clearance.self_pairs() > 0.0
     within = np.where(own, settings.self_range, settings.range) if repel else np.zeros(clearance.pairs)
+    pushing = within
     if settings.damper and clearance.pairs:
         # Beyond this distance a pair cannot come near so fast that it could not stop.
         speed = clearance.speeds(q, qd, change)
@@ -103,6 +110,11 @@ def look_around(
     near, closest = clearance.measure(q, within)
     brakes = dampers(clearance, near, qd, change, settings, hold_s) if settings.damper else _none(len(q))
     potential = repulsion(near, settings) if repel else Potential(0.0, np.zeros(len(q)))
+    if repel and settings.look_ahead_s > 0.0 and qd.any():
+        ahead = clearance.ahead
+        ahead.see(scene, time_ns + round(settings.look_ahead_s * NS))
+        later = repulsion(ahead.near(q + settings.look_ahead_s * qd, pushing), settings)
+        potential = Potential(potential.value + later.value, potential.gradient + later.gradient)
     return Surroundings(potential, brakes, closest)
 
 

@@ -1,0 +1,40 @@
+"""``ik_benchmark limits``: the bounded optimum, hostile targets, starts outside, lag and noise, singularities."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from ik_node.benchmark import hostile, optimum, singularities
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints the figures; 1 when one is out of its bounds."""
+    parser = argparse.ArgumentParser(prog="ik_benchmark limits", description=__doc__)
+    parser.add_argument("--states", type=int, default=10_000, help="random states for each robot and method")
+    parser.add_argument("--ticks", type=int, default=1_000_000, help="ticks of hostile targets, over all robots")
+    parser.add_argument("--seed", type=int, default=1, help="of everything random")
+    parser.add_argument(
+        "--only", choices=("optimum", "hostile", "outside", "lag", "singularities"), help="one part instead of all"
+    )
+    options = parser.parse_args(arguments)
+    parts = {
+        "optimum": lambda: optimum.table(options.states, options.seed),
+        "hostile": lambda: hostile.table(options.ticks, options.seed),
+        "outside": lambda: hostile.outside(options.seed),
+        "lag": hostile.lag_table,
+        "singularities": singularities.table,
+    }
+    good = True
+    for name, part in parts.items():
+        if options.only in (None, name):
+            lines, within = part()
+            print(f"\n{name}: {'within its bounds' if within else 'OUT OF ITS BOUNDS'}")
+            print("\n".join(lines), flush=True)
+            good &= within
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -35,6 +35,7 @@ from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
 from ik_node.limits import motion_limits
 from ik_node.memory import recall, remembered
 from ik_node.robot import Robot
+from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.status import StatusMemory
@@ -199,6 +200,11 @@ class Controller:
     def geometry(self) -> str:
         """A digest of what distances are measured with; see :attr:`ik_node.surroundings.Lookout.digest`."""
         return self._solver.lookout.digest
+
+    @property
+    def scene(self) -> Scene:
+        """The obstacles that there are."""
+        return self._solver.lookout.scene
 
     # --- state -------------------------------------------------------------------------------------------------------
 

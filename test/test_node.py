@@ -7,6 +7,7 @@ signals. Not tested here: figures of tracking (test_demo.py).
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -307,3 +308,54 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
     marker.header.frame_id = "panda_link0"
     obstacles.publish(MarkerArray(markers=[marker]))
     peer.until("the next good one", lambda: "refused" not in peer.reason, each=arm)
+
+
+def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Path) -> None:
+    """Tool path, target, an obstacle with its clearance; the obstacle goes away when it is deleted, and everything when
+    the node ends."""
+    arm = moving(peer, tmp_path)
+    goal = arm.pose()
+    goal[2, 3] -= 0.10
+    shown: dict[tuple[str, int], Marker] = {}
+    arrivals: list[float] = []
+
+    def on_markers(message: MarkerArray) -> None:
+        arrivals.append(time.monotonic())
+        for marker in message.markers:
+            if marker.action == Marker.DELETEALL:
+                shown.clear()
+            elif marker.action == Marker.DELETE:
+                shown.pop((marker.ns, marker.id), None)
+            else:
+                shown[marker.ns, marker.id] = marker
+
+    def each() -> None:
+        arm()
+        peer.send_target(goal, "panda_link0")
+
+    def there() -> set[str]:
+        return {ns for ns, _ in shown}
+
+    peer.node.create_subscription(MarkerArray, "/ik_node/markers", on_markers, qos.OUTPUT)
+    peer.until("path and target", lambda: {"tool_path", "target"} <= there(), each=each)
+    assert "obstacles" not in there()
+    obstacles = peer.node.create_publisher(MarkerArray, "/ik_node/obstacles", qos.OUTPUT)
+    peer.until("a listener", lambda: obstacles.get_subscription_count() > 0, each=each)
+    peer.spin(0.5, each)
+    marker = Marker(ns="test", id=3, type=Marker.SPHERE)
+    marker.header.frame_id = "panda_link0"
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+    marker.pose.position.x, marker.pose.position.z = 0.2, 1.1
+    obstacles.publish(MarkerArray(markers=[marker]))
+    peer.until("the obstacle", lambda: "obstacles" in there(), each=each)
+    (ball,) = (entry for (ns, _), entry in shown.items() if ns == "obstacles")
+    assert (ball.header.frame_id, ball.scale.x, ball.pose.position.z) == ("panda_link0", 0.1, 1.1)
+    peer.until("the clearance", lambda: "mm" in shown["clearance", 1].text, each=each)
+    before, begin = len(arrivals), time.monotonic()
+    peer.spin(1.0, each)
+    assert len(arrivals) - before <= 12.0 * (time.monotonic() - begin), "a modest rate"
+    marker.action = Marker.DELETE
+    obstacles.publish(MarkerArray(markers=[marker]))
+    peer.until("its end", lambda: "obstacles" not in there(), each=each)
+    peer.processes[0].stop(signal.SIGINT)
+    peer.until("an empty screen", lambda: not shown)

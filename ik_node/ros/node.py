@@ -26,6 +26,8 @@ from ik_node.step import Step
 
 WATCHDOG_S = 0.01
 """How often the controller is asked whether something is missing."""
+MARKERS_S = 0.1
+"""How often the run is shown as markers."""
 LONGEST_RAMP_S = 5.0
 """A ramp to zero that takes longer than this at the end of the process is cut off."""
 
@@ -51,6 +53,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self.create_service(SetBool, "~/record", self._on_record)
         self.create_timer(WATCHDOG_S, self._on_watchdog)
         self.create_timer(1.0, self._on_second)
+        self.create_timer(MARKERS_S, self._on_markers)
         parameters.follow_changes(self, self._settings, self._check_settings, self._apply_settings)
         if not self._start_by_itself():
             raise IkNodeError("the node could not be configured; the reason stands above")
@@ -131,6 +134,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self.destroy_subscription(subscription)
         self._inputs = []
         self._recorder.close()
+        self._publisher.no_markers(self._now())
         self._controller = None
 
     def _ramp_to_rest(self, reason: str) -> None:
@@ -193,6 +197,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             now = self._now()
             status, values = self._recorder.remark(self._controller.status), self._recorder.values()
             self._recorder.said(self._publisher.diagnostics(status, now, values), now)
+
+    def _on_markers(self) -> None:
+        if self._controller is not None:
+            self._publisher.markers(self._controller.scene, self._now())
 
     # --- requests ----------------------------------------------------------------------------------------------------
 

@@ -10,12 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from visualization_msgs.msg import MarkerArray
 
 from ik_node.clock import Instant
 from ik_node.messages import encode
 from ik_node.messages.encode import Outgoing, StepOutputs
+from ik_node.messages.encode_scene import SceneMarkers
 from ik_node.robot import Robot
 from ik_node.ros import qos
+from ik_node.scene import Scene
 from ik_node.settings import Settings
 from ik_node.step import Status, Step
 
@@ -45,6 +48,9 @@ class StepPublisher:
             for topic, kind in MESSAGE_TYPES.items()
         }
         self.topics = {topic: publisher.topic_name for topic, publisher in self._publishers.items()}
+        # Not among the recorded topics: made of what is recorded, and only while somebody looks.
+        self._marker_publisher = node.create_publisher(MarkerArray, "~/markers", qos.OUTPUT)
+        self._markers: SceneMarkers | None = None
         self._outputs: StepOutputs | None = None
         self._method = ""
         self._last: Step | None = None
@@ -54,6 +60,7 @@ class StepPublisher:
     def configure(self, robot: Robot, settings: Settings) -> None:
         """From now on Steps are those of this robot."""
         self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
+        self._markers = SceneMarkers(robot.base_frame)
         self._method = settings.control.method
         self._joint_count = robot.n
 
@@ -72,6 +79,8 @@ class StepPublisher:
         others = self._outputs.others(step)
         for topic, data in others:
             self._publishers[topic].publish(data)
+        if self._markers is not None:
+            self._markers.see(step)
         return [command, *others]
 
     def zeros(self) -> None:
@@ -92,6 +101,16 @@ class StepPublisher:
         data = encode.encode_diagnostics([(status, self._name, {**self._values(), **values})], now.ros_ns)
         self._publishers[encode.DIAGNOSTICS].publish(data)
         return Outgoing(encode.DIAGNOSTICS, data)
+
+    def markers(self, scene: Scene, now: Instant) -> None:
+        """Publishes the run as markers, if anybody looks; what was missed meanwhile is in the next ones."""
+        if self._markers is not None and self._marker_publisher.get_subscription_count():
+            self._marker_publisher.publish(self._markers.say(scene, now))
+
+    def no_markers(self, now: Instant) -> None:
+        """Takes the markers away, from those who look."""
+        if self._markers is not None and self._marker_publisher.get_subscription_count():
+            self._marker_publisher.publish(self._markers.end(now))
 
     def _values(self) -> dict[str, str]:
         return {} if self._last is None else encode.step_values(self._last, self._method)

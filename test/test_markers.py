@@ -63,12 +63,9 @@ def test_obstacles_are_shown_where_they_are_and_keep_their_numbers() -> None:
     data = markers.say(scene, at(0))
     viewer.take(data)
     read = [sample for sample in decode_obstacles(data) if sample.name.startswith("obstacles/")]
-    assert [(sample.kind, sample.size) for sample in read] == [
-        ("box", pytest.approx(BOX.size)),
-        ("sphere", pytest.approx(BALL.size)),
-        ("cylinder", pytest.approx(POST.size)),
-    ]
-    for sample in read:
+    assert [sample.kind for sample in read] == ["box", "sphere", "cylinder"]
+    for sample, solid in zip(read, (BOX, BALL, POST), strict=True):
+        assert sample.size == pytest.approx(solid.size)
         assert sample.frame_id == "base"
         assert sample.stamp_ns == at(0).ros_ns
         assert np.abs(se3.pose_from(sample.position, sample.quaternion, "it") - pose).max() < 1e-12

@@ -69,14 +69,20 @@ class Proportional:
     def advance(self, time_ns: int, hold_s: float) -> Motion:
         """As commanded: the tool has moved to where the last twist led."""
         tool = self._tool = self._promised
-        v = self._cut(difference(self._goal[0], tool.position), self._max_linear)
-        w = self._cut(to_vector(multiply(self._goal[1], conjugate(tool.orientation))), self._max_angular)
+        v, w = self.velocity(tool.position, tool.orientation)
         x, y, z = tool.position
         self._promised = resting(
             (x + hold_s * v[0], y + hold_s * v[1], z + hold_s * v[2]),
             normalised(multiply(from_vector((hold_s * w[0], hold_s * w[1], hold_s * w[2])), tool.orientation)),
         )
         return Motion(pose_of(tool), mean_twist(tool, self._promised, hold_s))
+
+    def velocity(self, position: Vector, orientation: Quaternion) -> tuple[Vector, Vector]:
+        """What is asked of a tool that is there: velocity of its point and angular velocity, written in {s}."""
+        return (
+            self._cut(difference(self._goal[0], position), self._max_linear),
+            self._cut(to_vector(multiply(self._goal[1], conjugate(orientation))), self._max_angular),
+        )
 
     def _cut(self, error: Vector, speed: float) -> Vector:
         size = length(error)

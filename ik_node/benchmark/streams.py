@@ -9,6 +9,7 @@ faster than the reference may move (and 0.3 s before) are left out of errors and
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -96,25 +97,71 @@ class Track(NamedTuple):
     """(N, 4, 4)"""
     twists_s: Array
     """(N, 6): commanded velocity of the tool point and angular velocity, written in {s}."""
+    tick_s: float = TICK_S
 
 
-def follow(follower: Follower, stream: Stream, samples: Sequence[tuple[Stamped, Array]]) -> Track:
+def follow(
+    follower: Follower, stream: Stream, samples: Sequence[tuple[Stamped, Array]], tick_s: float = TICK_S
+) -> Track:
     """Runs a follower from rest at the first pose over the whole stream."""
-    ticks = int(stream.times_s[-1] / TICK_S)
+    ticks = int(stream.times_s[-1] / tick_s)
     poses, twists = np.empty((ticks, 4, 4)), np.empty((ticks, 6))
     follower.start(stream.poses[0], 0)
     waiting = iter(samples)
     coming = next(waiting, None)
     for tick in range(ticks):
-        now_ns = round(tick * TICK_S * NS)
+        now_ns = round(tick * tick_s * NS)
         while coming is not None and coming[0].received_ns <= now_ns:
             follower.add(coming[1], coming[0])
             coming = next(waiting, None)
-        motion = follower.advance(now_ns, TICK_S)
+        motion = follower.advance(now_ns, tick_s)
         rotation = motion.pose_sd[:3, :3]
         poses[tick] = motion.pose_sd
         twists[tick, :3], twists[tick, 3:] = rotation @ motion.twist_d[:3], rotation @ motion.twist_d[3:]
-    return Track(poses, twists)
+    return Track(poses, twists, tick_s)
+
+
+class Yardstick(NamedTuple):
+    """What tracks of one stream are held against."""
+
+    truth: Array
+    """T_sd at every tick, (N, 4, 4)."""
+    counted: Array
+    """(N,): whether the error at that tick counts."""
+
+
+def yardstick(stream: Stream, ticks: int, tick_s: float = TICK_S) -> Yardstick:
+    """For :func:`figures`; worth keeping where several followers are measured on one stream."""
+    truth = np.array([stream.truth.pose(tick * tick_s) for tick in range(ticks)])
+    return Yardstick(truth, _counted(stream, np.arange(ticks) * tick_s))
+
+
+class Smoothness(NamedTuple):
+    """Of a velocity over time, in its unit per s and s2; sizes are Euclidean norms over its columns."""
+
+    acceleration_peak: float
+    """Per tick."""
+    acceleration_rms: float
+    acceleration_20ms_peak: float
+    """Averaged over 20 ms."""
+    acceleration_20ms_rms: float
+    jerk_peak: float
+    jerk_rms: float
+
+
+def smoothness(velocity: Array, tick_s: float) -> Smoothness:
+    """Of ``velocity`` (N, any), one row per tick; the begin is left out."""
+    first = round(SKIPPED_S / tick_s)
+    acceleration = np.diff(velocity, axis=0) / tick_s
+    jerk = np.diff(acceleration, axis=0) / tick_s
+    window = round(0.02 / tick_s)
+    smooth = (velocity[window:] - velocity[:-window]) / (window * tick_s)
+    sizes = [np.linalg.norm(values, axis=1) for values in (acceleration[first:], smooth[first:], jerk)]
+    return Smoothness(*(float(of(size)) for size in sizes for of in (np.max, _rms)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 class Figures(NamedTuple):
@@ -134,18 +181,19 @@ class Figures(NamedTuple):
     jerk_rms: float
 
 
-def figures(track: Track, stream: Stream) -> tuple[Figures, Figures]:
+def figures(track: Track, stream: Stream, known: Yardstick | None = None) -> tuple[Figures, Figures]:
     """Position's and orientation's."""
-    truth = np.array([stream.truth.pose(tick * TICK_S) for tick in range(len(track.poses))])
-    counted = _counted(stream, len(truth))
-    shifts = range(int(LONGEST_LAG_S / TICK_S))
+    truth, counted = known or yardstick(stream, len(track.poses), track.tick_s)
+    shifts = range(int(LONGEST_LAG_S / track.tick_s))
     linear = [_position_errors(track.poses, truth, counted, shift) for shift in shifts]
     angular = [_turn_errors(track.poses, truth, counted, shift) for shift in shifts]
-    return _figures(linear, track.twists_s[:, :3]), _figures(angular, track.twists_s[:, 3:])
+    return (
+        _figures(linear, track.twists_s[:, :3], track.tick_s),
+        _figures(angular, track.twists_s[:, 3:], track.tick_s),
+    )
 
 
-def _counted(stream: Stream, ticks: int) -> Array:
-    times = np.arange(ticks) * TICK_S
+def _counted(stream: Stream, times: Array) -> Array:
     counted = times >= SKIPPED_S
     settings = TargetSettings()
     period_s = float(np.median(np.diff(stream.times_s)))
@@ -170,23 +218,19 @@ def _turn_errors(poses: Array, truth: Array, counted: Array, shift: int) -> Arra
     return np.asarray(2.0 * np.arcsin(np.minimum(chords / np.sqrt(8.0), 1.0)))
 
 
-def _figures(errors: Sequence[Array], velocity: Array) -> Figures:
-    rms = [float(np.sqrt(np.mean(error**2))) for error in errors]
+def _figures(errors: Sequence[Array], velocity: Array, tick_s: float) -> Figures:
+    rms = [_rms(error) for error in errors]
     best = int(np.argmin(rms))
-    acceleration = np.diff(velocity, axis=0) / TICK_S
-    jerk = np.diff(acceleration, axis=0) / TICK_S
-    window = round(0.02 / TICK_S)
-    smooth = (velocity[window:] - velocity[:-window]) / 0.02
-    size = np.linalg.norm(acceleration[round(SKIPPED_S / TICK_S) :], axis=1)
+    smooth = smoothness(velocity, tick_s)
     return Figures(
         1e3 * rms[0],
         1e3 * float(errors[0].max()),
-        1e3 * best * TICK_S,
+        1e3 * best * tick_s,
         1e3 * rms[best],
-        float(size.max()),
-        float(np.sqrt(np.mean(size**2))),
-        float(np.linalg.norm(smooth[round(SKIPPED_S / TICK_S) :], axis=1).max()),
-        float(np.sqrt(np.mean(np.sum(jerk**2, axis=1)))),
+        smooth.acceleration_peak,
+        smooth.acceleration_rms,
+        smooth.acceleration_20ms_peak,
+        smooth.jerk_rms,
     )
 
 
@@ -254,32 +298,53 @@ def decimated(name: str, recording: SampledTrajectory, rate_hz: float) -> Stream
     return Stream(f"{name} {rate_hz:g} Hz", times[::step], poses[::step], recording)
 
 
-def real(data: Path, rates_hz: Sequence[float]) -> Iterator[tuple[Stream, tuple[Dirt, ...]]]:
-    """The recordings in ``data`` that are there: as sent, or decimated to the rates."""
-    board = data / "taskboard_20hz"
-    if (board / "data_trial1.csv").exists():
-        how = PoseFileFormat(
-            prefix="goal", time="pose_header_seq", time_unit="ms", time_file=str(board / "seq_trial1.csv")
-        )
-        goals = load(board / "data_trial1.csv", how)
-        times = np.array([sample.time_s for sample in goals.samples()])
-        poses = np.array([sample.pose for sample in goals.samples()])
-        yield Stream("task board", times, poses, goals), (AS_RECORDED,)
+RECORDINGS = (
+    ("camera", "hand_held_camera/freiburg1_xyz-groundtruth.txt", PoseFileFormat(relative=True, scale=0.45)),
+    ("letter h", "handwriting/h.npy", PoseFileFormat(units="cm", duration_s=10.0)),
+    ("letter e", "handwriting/e.npy", PoseFileFormat(units="cm", duration_s=10.0)),
+    ("co-manipulation", "comanipulation/symbol17_rec0.csv", PoseFileFormat(relative=True, duration_s=5.519)),
+    ("open box", "robottasks/openbox.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz")),
+    ("bottle to shelf", "robottasks/bottle2shelf.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz")),
+)
+"""Dense recordings to decimate: name, place below the folder of data, how to read it."""
+TASK_BOARD = "taskboard_20hz/data_trial1.csv"
+"""Goals as they were sent to a robot."""
+TASK_BOARD_FORMAT = PoseFileFormat(prefix="goal", time="pose_header_seq", time_unit="ms")
+
+
+def task_board(data: Path, start_s: float = 0.0, end_s: float | None = None) -> Stream:
+    """The goals of the task board in ``data``; their own interpolation is the densest truth there is."""
+    file = data / TASK_BOARD
+    stamps = str(file.with_name("seq_trial1.csv"))
+    how = dataclasses.replace(TASK_BOARD_FORMAT, time_file=stamps, start_s=start_s, end_s=end_s)
+    goals = load(file, how)
+    times = np.array([sample.time_s for sample in goals.samples()])
+    return Stream("task board", times, np.array([sample.pose for sample in goals.samples()]), goals)
+
+
+def absent(data: Path) -> tuple[str, ...]:
+    """Names of the real streams that ``data`` does not hold."""
+    places = {"task board": TASK_BOARD} | {name: place for name, place, _ in RECORDINGS}
+    return tuple(name for name, place in places.items() if not (data / place).exists())
+
+
+def real(
+    data: Path, rates_hz: Sequence[float], start_pose: Array | None = None
+) -> Iterator[tuple[Stream, tuple[Dirt, ...]]]:
+    """The recordings in ``data`` that are there: as sent, or decimated to the rates.
+
+    ``start_pose`` (4, 4) gives what a recording does not hold: orientation, height, or where it begins.
+    """
+    missing = absent(data)
+    if "task board" not in missing:
+        yield task_board(data), (AS_RECORDED,)
     start = np.eye(4)
     start[:3, 3] = (0.4, 0.0, 0.4)
-    everything = (CLEAN, STAMPED, UNSTAMPED)
-    for name, path, how in (
-        ("camera", "hand_held_camera/freiburg1_xyz-groundtruth.txt", PoseFileFormat(relative=True, scale=0.45)),
-        ("letter h", "handwriting/h.npy", PoseFileFormat(units="cm", duration_s=10.0)),
-        ("letter e", "handwriting/e.npy", PoseFileFormat(units="cm", duration_s=10.0)),
-        ("co-manipulation", "comanipulation/symbol17_rec0.csv", PoseFileFormat(relative=True, duration_s=5.519)),
-        ("open box", "robottasks/openbox.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz")),
-        ("bottle to shelf", "robottasks/bottle2shelf.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz")),
-    ):
-        if (data / path).exists():
-            recording = load(data / path, how, start)
+    for name, place, how in RECORDINGS:
+        if name not in missing:
+            recording = load(data / place, how, start if start_pose is None else start_pose)
             for rate_hz in rates_hz:
-                yield decimated(name, recording, rate_hz), everything
+                yield decimated(name, recording, rate_hz), (CLEAN, STAMPED, UNSTAMPED)
 
 
 def followers() -> dict[str, Callable[[], Follower]]:

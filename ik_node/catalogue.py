@@ -22,15 +22,19 @@ class Arm(NamedTuple):
     urdf: str
     base_frame: str
     tip_frame: str
+    srdf: str = ""
+    """SRDF inside the URDF's package; empty: srdf/ with the URDF's file name."""
 
 
 ARMS = {
     "kinova": Arm("kinova_description/robots/kinova.urdf", "j2s6s200_link_base", "j2s6s200_end_effector"),
     "panda": Arm("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
-    "talos_arm": Arm("talos_data/robots/talos_left_arm.urdf", "arm_left_1_link", "wrist_left_ft_tool_link"),
+    "talos_arm": Arm(
+        "talos_data/robots/talos_left_arm.urdf", "arm_left_1_link", "wrist_left_ft_tool_link", "srdf/talos.srdf"
+    ),
     "ur10": Arm("ur_description/urdf/ur10_robot.urdf", "base_link", "tool0"),
     "ur3": Arm("ur_description/urdf/ur3_robot.urdf", "base_link", "tool0"),
-    "ur5": Arm("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0"),
+    "ur5": Arm("ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", "srdf/ur5.srdf"),
     "xarm7": Arm("xarm_description/urdf/xarm7.urdf", "link_base", "link_eef"),
     "z1": Arm("z1_description/urdf/z1.urdf", "link00", "link06"),
 }

@@ -26,6 +26,7 @@ from ik_node.catalogue import robots_folder
 from ik_node.errors import CollisionUnavailableError, RobotError, UnknownNameError
 from ik_node.robot import Robot
 from ik_node.se3 import Array
+from ik_node.srdf import disabled_pairs
 
 Flags = NDArray[np.bool_]
 
@@ -130,11 +131,12 @@ def load(
     """The geometry of ``robot``.
 
     ``folders``: further places of ``package://`` meshes. ``srdf``: text of an SRDF; the pairs it disables are not
-    watched, and sampling adds none. ``ignored``, ``checked``: pairs ``link_a:link_b`` to leave out or to watch whatever
+    watched, all others are but for those that always touch. One that disables none of the arm's says nothing:
+    pairs are then chosen by sampling, as without. ``ignored``, ``checked``: pairs ``link_a:link_b`` to leave out or to watch whatever
     sampling or the SRDF say.
 
     Raises CollisionUnavailableError with the reason where there are no solids or their meshes are missing, and
-    UnknownNameError for a link that does not exist.
+    UnknownNameError for a link that does not exist. SettingsError for an SRDF that is not XML.
     """
     if simplification not in SIMPLIFICATIONS:
         raise UnknownNameError("simplification", simplification, SIMPLIFICATIONS)
@@ -239,27 +241,49 @@ def _pairs(
             if name not in names:
                 raise UnknownNameError("link with collision geometry", name, names)
     possible = [(a, b) for a, b in combinations(range(len(links)), 2) if links[a].parent != links[b].parent]
-    disabled = _disabled(srdf) if srdf else None
-    distances = sampled_distances(robot, links, possible if disabled is None else [])
+    disabled = {pair for pair in disabled_pairs(srdf, names) if pair <= names} if srdf else set()
+    open_pairs = [(a, b) for a, b in possible if frozenset((links[a].name, links[b].name)) not in disabled]
+    distances = dict(zip(open_pairs, sampled_distances(robot, links, open_pairs).T, strict=True))
     result = []
-    for column, (a, b) in enumerate(possible):
+    for a, b in possible:
         first, second = links[a].name, links[b].name
         wanted = {f"{first}:{second}", f"{second}:{first}"}
         if wanted & checked:
             watched, reason = True, "asked for"
         elif wanted & ignored:
             watched, reason = False, "to be ignored"
-        elif disabled is not None:
-            watched = frozenset((first, second)) not in disabled
-            reason = "SRDF does not disable it" if watched else "disabled by the SRDF"
+        elif (a, b) not in distances:
+            watched, reason = False, "disabled by the SRDF"
+        elif disabled:
+            watched, reason = _left_open(distances[a, b])
         elif links[a].parent in (robot.model.parents[links[b].parent], links[b].parent) or (
             robot.model.parents[links[a].parent] == links[b].parent
         ):
             watched, reason = False, "joined by one joint"
         else:
-            watched, reason = _judge(distances[:, column])
+            watched, reason = _judge(distances[a, b])
         result.append(PairOfLinks(first, second, watched, reason))
     return tuple(result)
+
+
+def summary(pairs: Iterable[PairOfLinks]) -> str:
+    """How many pairs are watched, and which are not for what reason."""
+    pairs = list(pairs)
+    reasons: dict[str, list[str]] = {}
+    for pair in pairs:
+        if not pair.watched:
+            reasons.setdefault(pair.reason, []).append(f"{pair.first}:{pair.second}")
+    left_out = [f"{reason}: {', '.join(reasons[reason])}" for reason in sorted(reasons)]
+    count = sum(pair.watched for pair in pairs)
+    return "; ".join([f"{count} of {len(pairs)} pairs of links are watched", *left_out])
+
+
+def _left_open(distances: Array) -> tuple[bool, str]:
+    """An SRDF that forgets a pair in lasting contact would hold the arm for ever."""
+    touching = float(np.mean(distances <= 0.0))
+    if touching >= ALWAYS:
+        return False, f"not disabled by the SRDF, but touches in {touching:.0%} of the samples"
+    return True, "the SRDF does not disable it"
 
 
 def _judge(distances: Array) -> tuple[bool, str]:
@@ -270,17 +294,6 @@ def _judge(distances: Array) -> tuple[bool, str]:
     if farthest <= CLOSE_M:
         return False, f"never further apart than {farthest * 1e3:.0f} mm"
     return True, f"touches in {touching:.1%} of the samples"
-
-
-def _disabled(srdf: str) -> set[frozenset[str]]:
-    """Pairs of an SRDF's ``disable_collisions``."""
-    from xml.etree import ElementTree
-
-    try:
-        root = ElementTree.fromstring(srdf)
-    except ElementTree.ParseError as error:
-        raise CollisionUnavailableError(f"the SRDF is not XML: {error}") from error
-    return {frozenset((entry.get("link1", ""), entry.get("link2", ""))) for entry in root.iter("disable_collisions")}
 
 
 def sampled_distances(robot: Robot, links: tuple[Link, ...], pairs: list[tuple[int, int]]) -> Array:

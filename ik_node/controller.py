@@ -38,6 +38,7 @@ from ik_node.robot import Robot
 from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.settings import Settings
+from ik_node.srdf import with_srdf_text
 from ik_node.status import StatusMemory
 from ik_node.step import Level, Mode, Status, Step
 from ik_node.supervision import Supervision, SupervisionMemory
@@ -57,7 +58,8 @@ class Controller:
     """Composes robot, target, control law, resolution and limits; one instance belongs to one thread."""
 
     def __init__(self, robot: Robot, settings: Settings) -> None:
-        """Raises SettingsError when a list of limits does not fit the number of joints."""
+        """Raises SettingsError when a list of limits does not fit the number of joints, or an SRDF cannot be read."""
+        settings = with_srdf_text(settings)
         self.robot = robot
         self.settings = settings
         self.targets_refused = 0
@@ -200,6 +202,11 @@ class Controller:
     def geometry(self) -> str:
         """A digest of what distances are measured with; see :attr:`ik_node.surroundings.Lookout.digest`."""
         return self._solver.lookout.digest
+
+    @property
+    def pairs(self) -> str:
+        """Which pairs of links are watched, and why others are not, for a person."""
+        return self._solver.lookout.pairs
 
     @property
     def scene(self) -> Scene:

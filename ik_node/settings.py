@@ -242,7 +242,12 @@ class ObstacleSettings(Group):
     package_path: tuple[str, ...] = setting(
         (), "Folders in which package:// meshes are looked for before the ROS installation's.", read_only=True
     )
-    srdf: str = setting("", "SRDF as text; the pairs it disables are not watched.", read_only=True)
+    srdf: str = setting(
+        "",
+        "SRDF whose disabled pairs are not watched: its text, the path of a file, or `shipped` for the one that "
+        "example-robot-data has for `robot`; default: pairs are chosen by sampling.",
+        read_only=True,
+    )
     self_collision: bool = setting(True, "Watch pairs of the arm's own links.", read_only=True)
     ignored_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are not watched.", read_only=True)
     watched_pairs: tuple[str, ...] = setting((), "Pairs link_a:link_b that are watched all the same.", read_only=True)

@@ -66,6 +66,13 @@ class Lookout:
             digest.update(link.points.tobytes() + link.placement.homogeneous.tobytes())
         return digest.hexdigest()[:16]
 
+    @property
+    def pairs(self) -> str:
+        """Which pairs of links are watched, and why others are not, for a person; why none are, where that is so."""
+        if self._clearance is None:
+            return f"distances are not watched: {self.unavailable}"
+        return collision.summary(self._clearance.geometry.pairs)
+
     def configure(self, settings: ObstacleSettings) -> None:
         """Other settings from now on; what is read-only stays as it was."""
         self._settings = settings

@@ -287,7 +287,13 @@ def test_pairs_are_chosen_for_a_stated_reason() -> None:
     srdf = '<robot name="t"><disable_collisions link1="arm_left_7_link" link2="arm_left_2_link" reason="x"/></robot>'
     told = {(pair.first, pair.second): pair for pair in collision.load(robot, srdf=srdf).pairs}
     assert not told["arm_left_2_link", "arm_left_7_link"].watched
-    assert told["arm_left_5_link", "arm_left_7_link"].watched
+    assert told["arm_left_1_link", "arm_left_7_link"].reason == "the SRDF does not disable it"
+    # It forgets a pair that always touches, which would hold the arm for ever.
+    forgotten = told["arm_left_5_link", "arm_left_7_link"]
+    assert not forgotten.watched
+    assert forgotten.reason == "not disabled by the SRDF, but touches in 100% of the samples"
+    silent = '<robot name="t"><group name="arm"/></robot>'
+    assert collision.load(robot, srdf=silent).pairs == collision.load(robot).pairs, "it says nothing of pairs"
     assert collision.load(robot).pairs == collision.load(robot).pairs  # The same every time.
     with pytest.raises(UnknownNameError, match="nonsense"):
         collision.load(robot, ignored=("nonsense:arm_left_7_link",))

@@ -84,6 +84,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._inputs = [self._listen(kind) for kind in INPUTS]
         moved = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {moved}")
+        self.get_logger().info(self._controller.pairs)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

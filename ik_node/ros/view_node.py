@@ -17,10 +17,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, SettingsError
 from ik_node.messages import encode
 from ik_node.ros import qos
 from ik_node.settings import Settings
+from ik_node.srdf import with_srdf_text
 
 NEWEST = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
 """The picture needs the newest only."""
@@ -127,7 +128,12 @@ class ViewNode(Node):  # type: ignore[misc]
                 given[name] = parameter_value_to_python(values[0])
         if "rate_hz" not in given:
             raise IkNodeError(f"node '{self.watched}' is no ik_node: it has no parameter rate_hz")
-        return Settings().with_values({name: _plain(value) for name, value in given.items() if value is not None})
+        settings = Settings().with_values({name: _plain(value) for name, value in given.items() if value is not None})
+        try:
+            return with_srdf_text(settings)
+        except SettingsError as error:  # the watched node may run on another machine
+            self.get_logger().warning(f"pairs of links are chosen by sampling: {error}")
+            return settings.with_values({"obstacles.srdf": ""})
 
     def _ask(self, client: Any, request: Any, timeout_s: float) -> Any:
         future, until = client.call_async(request), time.monotonic() + timeout_s

@@ -132,8 +132,8 @@ def load(
 
     ``folders``: further places of ``package://`` meshes. ``srdf``: text of an SRDF; the pairs it disables are not
     watched, all others are but for those that always touch. One that disables none of the arm's says nothing:
-    pairs are then chosen by sampling, as without. ``ignored``, ``checked``: pairs ``link_a:link_b`` to leave out or to watch whatever
-    sampling or the SRDF say.
+    pairs are then chosen by sampling, as without. ``ignored``, ``checked``: pairs ``link_a:link_b`` to leave out or to
+    watch whatever sampling or the SRDF say.
 
     Raises CollisionUnavailableError with the reason where there are no solids or their meshes are missing, and
     UnknownNameError for a link that does not exist. SettingsError for an SRDF that is not XML.

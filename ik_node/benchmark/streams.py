@@ -133,7 +133,7 @@ class Yardstick(NamedTuple):
 def yardstick(stream: Stream, ticks: int, tick_s: float = TICK_S) -> Yardstick:
     """For :func:`figures`; worth keeping where several followers are measured on one stream."""
     truth = np.array([stream.truth.pose(tick * tick_s) for tick in range(ticks)])
-    return Yardstick(truth, _counted(stream, np.arange(ticks) * tick_s))
+    return Yardstick(truth, _counted(stream, tick_s * np.arange(ticks, dtype=np.float64)))
 
 
 class Smoothness(NamedTuple):

@@ -257,6 +257,9 @@ class ObstacleSettings(Group):
     look_ahead_s: float = setting(
         1.0, "The null space is pushed away also from what the arm is going to meet in this time.", "s", 0.0, 5.0
     )
+    dexterity: float = setting(
+        30_000.0, "Push of `obstacle_gradient` away from stretched, singular positions; 0: none.", "N", 0.0, 1e6
+    )
     damper: bool = setting(True, "Keep the speed of approach to obstacles and to itself low enough to stop.")
     damper_range: float = setting(0.5, "Dampers look no further than this.", "m", 0.001, 5.0)
     stop_distance: float = setting(0.01, "Distance from obstacles at which approach ends.", "m", 0.0, 1.0)

@@ -10,6 +10,7 @@ from ik_node import bounded, se3, small_programs
 from ik_node.errors import InputError
 from ik_node.limits import JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
+from ik_node.potentials import dexterity
 from ik_node.resolution import Resolution, resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -99,6 +100,8 @@ class TickSolver:
         self._control = settings.control
         self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
+        dodges = settings.control.method == "obstacle_gradient" and self._robot.n > 6
+        self._dexterity = settings.obstacles.dexterity if dodges else 0.0
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
         self._null_space_cap = np.full(self._robot.n, settings.control.null_space_speed)
 
@@ -260,6 +263,10 @@ class TickSolver:
     def _cost(self, moment: Moment, seen: Surroundings | None) -> tuple[Array | None, Array | None]:
         """Weight and gradient of the method, the secondary gradients added."""
         repulsion = None if seen is None else seen.potential.gradient
+        if self._dexterity > 0.0:
+            ahead = moment.q + dexterity.LOOK_AHEAD_S * moment.previous
+            stretch = dexterity.dexterity(self._robot_jacobian, ahead, self._row_scale, self._dexterity).gradient
+            repulsion = stretch if repulsion is None else repulsion + stretch
         weight, gradient = self._method(self._robot, moment.q_middle, repulsion)
         secondary = self.lookout.secondary_gradient(moment.q)
         if secondary is not None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ik_node.benchmark import hostile, limits, obstacles
+from ik_node import collision
+from ik_node.benchmark import hostile, limits, obstacles, scenes
 from ik_node.benchmark.optimum import arm
 
 
@@ -33,7 +34,7 @@ def test_outside_and_under_lag() -> None:
 def test_a_scene_is_driven_past_with_the_tool_on_its_path() -> None:
     """One of the seeded scenes: the elbow gives way by centimetres, the tool does not notice."""
     robot = arm("panda")
-    found = obstacles.pass_by(1015, robot, obstacles.solids(robot))
+    found = scenes.pass_by(1015, robot, collision.load(robot, self_collision=False))
     assert found is not None
     assert found.gradient_m > found.plain_m + 0.03
     assert found.path_rms_m < 1e-4

@@ -153,17 +153,17 @@ def test_dexterity_is_the_gradient_along_the_null_space() -> None:
 
     for _ in range(60):
         q = random_position(robot, rng)
-        found = dexterity(jacobian_at, q, scale)
+        found = dexterity(jacobian_at, q, scale, 30_000.0)
         null = np.linalg.svd(scale[:, None] * jacobian_at(q))[2][-1]
         step = 1e-5
-        difference = dexterity(jacobian_at, q + step * null, scale).value
-        difference -= dexterity(jacobian_at, q - step * null, scale).value
+        difference = dexterity(jacobian_at, q + step * null, scale, 30_000.0).value
+        difference -= dexterity(jacobian_at, q - step * null, scale, 30_000.0).value
         assert found.gradient @ null == pytest.approx(difference / (2.0 * step), rel=1e-4, abs=1e-3)
         assert np.linalg.norm(found.gradient - (found.gradient @ null) * null) < 1e-9
         pushed += bool(found.gradient.any())
     assert 3 < pushed < 50
     six = arm("ur5")
-    assert not dexterity(lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale).gradient.any()
+    assert not dexterity(lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale, 30_000.0).gradient.any()
 
 
 def test_secondary_gradients() -> None:

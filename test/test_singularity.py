@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ik_node import bounded
-from ik_node.arrival import arriving
-from ik_node.benchmark.loop import CONTROL, PERIOD_S, ROW_SCALE, exact, faded, follow, ours, sign_changes
+from ik_node.benchmark.loop import PERIOD_S, ROW_SCALE, exact, faded, follow, ours, sign_changes
 from ik_node.benchmark.optimum import arm, random_position
-from ik_node.benchmark.singularities import Drive, Figures, Sweep, drives, measure, singularities
+from ik_node.benchmark.singularities import SETTINGS as TICK
+from ik_node.benchmark.singularities import Drive, Figures, drives, measure, singularities
 from ik_node.limits import MotionLimits, joint_bounds, motion_limits
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -126,8 +126,7 @@ def test_the_problem_handed_on_is_never_singular_and_always_bounded() -> None:
 
 def run(name: str, passing: str = "ours") -> Figures:
     drive: Drive = DRIVES[name]
-    way = {"ours": ours(), "slow": exact, "fade": faded(0.05)}[passing]
-    return measure(drive, way)[0]
+    return measure(drive, {"ours": ours, "slow": exact, "fade": faded}[passing])[0]
 
 
 def test_a_wrist_is_passed_on_the_path_where_a_filter_leaves_it() -> None:
@@ -184,7 +183,8 @@ def test_an_exactly_singular_start_is_left(name: str, beside: str) -> None:
     for sign in ("+1u", "-1u"):
         drive = DRIVES[f"{name}: from {beside} rad, {sign}"]
         limits = limits_of(drive.place.robot)
-        found = follow(drive.place.robot, drive.target, drive.q, limits, drive.target.duration_s + 1.0)
+        way = ours(drive.place.robot, TICK)
+        found = follow(drive.place.robot, drive.target, drive.q, way, drive.target.duration_s + 1.0)
         assert (np.abs(found.qd) <= limits.velocity).all()
         assert sign_changes(found.qd) <= 8
         assert found.error_m[-1] < 1e-3
@@ -206,21 +206,3 @@ def test_who_is_blocked_by_a_limit_lets_go_after_its_patience() -> None:
     found = passage(robot, q, twist, state=state, scale=0.0)
     assert found.pace == pytest.approx(1.0)
     assert u[:, 0] @ (ROW_SCALE * found.twist) == pytest.approx(0.1, rel=1e-6)
-
-
-def test_arriving_without_overshoot() -> None:
-    """A far target at rest and slow joints: the tool does not run past it; small errors are not touched."""
-    robot = arm("panda")
-    q = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.7])
-    limits = motion_limits(robot, LimitSettings(acceleration=(3.0,)), 500.0)
-    goal = robot.pose(q).copy()
-    goal[:3, 3] += (0.0, 0.3, 0.0)
-    found = follow(robot, Sweep(goal, np.zeros(6), 0.0, 1.0, False), q, limits, 2.5)
-    beyond = found.pose[:, 1, 3] - goal[1, 3]
-    assert beyond.max() < 5e-4
-    assert found.error_m[-1] < 1e-4
-    jacobian = robot.evaluate(q).jacobian_b
-    error = np.array([0.0, 1e-4, 0.0, 0.0, 0.0, 0.0])
-    feedback = CONTROL.gain_linear * error
-    assert (arriving(jacobian, error, feedback, limits, ROW_SCALE, 0.05) == feedback).all()
-    assert (arriving(jacobian, np.zeros(6), np.zeros(6), limits, ROW_SCALE, 0.05) == 0.0).all()

@@ -6,18 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import bounded
-from ik_node.benchmark.loop import CONTROL, ROW_SCALE, ours
+from ik_node.benchmark.loop import CONTROL, PERIOD_S, settings_of
 from ik_node.benchmark.optimum import ROBOTS, arm, random_position
+from ik_node.clock import NS
 from ik_node.control_law import twist_feedback
 from ik_node.errors import IkNodeError
-from ik_node.limits import MotionLimits, conceded, joint_bounds, motion_limits, stopping_distance
+from ik_node.limits import MotionLimits, joint_bounds, stopping_distance
 from ik_node.robot import Robot
 from ik_node.se3 import Array, checked_pose
-from ik_node.settings import LimitSettings, SingularitySettings
+from ik_node.tick import Moment, TickSolver
 from ik_node.trajectory.motion import Motion
 
-RATE_HZ = 500.0
 BROKEN = 1e-9
 """More than this beyond a limit is a broken limit, in its own unit."""
 
@@ -30,7 +29,7 @@ class Tally(NamedTuple):
     velocity: float
     acceleration: float
     infeasible: int
-    """Ticks at which a limit had to give way, a solver failed or something raised an error."""
+    """Ticks at which a limit had to give way or something raised an error."""
     refused: int
     """Targets with NaN that were refused."""
     at_limits: int
@@ -57,17 +56,19 @@ def hostile_pose(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
 
 
 def drive(name: str, ticks: int, seed: int, acceleration: float) -> Tally:
-    """``ticks`` ticks of one robot; a new start at rest every 20,000."""
+    """``ticks`` ticks of one robot with the node's solver; a new start at rest every 20,000."""
     robot, rng = arm(name), np.random.default_rng([seed, *name.encode()])
-    limits = motion_limits(robot, LimitSettings(acceleration=(acceleration,)), RATE_HZ)
+    solver = TickSolver(robot, settings_of((acceleration,)))
+    limits = solver.limits
     position = velocity = change = -np.inf
     infeasible = refused = at_limits = slowed = 0
-    passing, scale = ours(SingularitySettings()), 1.0
-    q, qd, held_s, pose_sd, twist_d, until = np.zeros(robot.n), np.zeros(robot.n), 0.002, np.eye(4), np.zeros(6), 0
+    q, qd, held_s, pose_sd, twist_d, until = np.zeros(robot.n), np.zeros(robot.n), PERIOD_S, np.eye(4), np.zeros(6), 0
+    now_s = 0.0
     for tick in range(ticks):
         if tick % 20_000 == 0:
-            q, qd, held_s, until = random_position(robot, rng), np.zeros(robot.n), 0.002, tick
+            q, qd, held_s, until = random_position(robot, rng), np.zeros(robot.n), PERIOD_S, tick
             pose_sd, twist_d = robot.pose(q), np.zeros(6)
+            solver.begin()
         if tick >= until:
             until = tick + int(rng.integers(1, 400))
             try:
@@ -75,24 +76,21 @@ def drive(name: str, ticks: int, seed: int, acceleration: float) -> Tally:
                 twist_d = rng.normal(size=6) * rng.choice([0.0, 0.3, 10.0])
             except IkNodeError:
                 refused += 1
-        bounds = joint_bounds(limits, q, qd, held_s)
-        infeasible += bool(conceded(bounds, robot.joints))
-        state = robot.evaluate(q)
-        twist = twist_feedback(state.pose_sb, Motion(pose_sd, twist_d), CONTROL).twist_b
+        twist = twist_feedback(robot.pose(q), Motion(pose_sd, twist_d), CONTROL).twist_b
+        moment = Moment(q, q + 0.5 * PERIOD_S * qd, qd, held_s, round(now_s * NS))
         try:
-            asked = passing(robot, q, state.jacobian_b, twist, qd, bounds, limits, scale)
-            answer = bounded.solve(asked.jacobian, asked.twist, bounds.lo, bounds.hi, row_scale=ROW_SCALE)
+            outcome = solver.follow_twist(moment, twist)
         except IkNodeError:
             infeasible += 1
             qd = np.zeros(robot.n)
             continue
-        infeasible += answer.fallback
-        scale = answer.scale
-        slowed += scale < 1.0
-        change = max(change, float((np.abs(answer.joint_velocity - qd) - limits.acceleration * held_s).max()))
-        qd = answer.joint_velocity
+        infeasible += bool(outcome.conceded)
+        slowed += outcome.scale < 1.0
+        change = max(change, float((np.abs(outcome.joint_velocity - qd) - limits.acceleration * held_s).max()))
+        qd = outcome.joint_velocity
         velocity = max(velocity, float((np.abs(qd) - limits.velocity).max()))
-        held_s = 0.002 * float(rng.choice([0.2, 0.5, 1.0, 1.0, 2.0, 5.0]))
+        held_s = PERIOD_S * float(rng.choice([0.2, 0.5, 1.0, 1.0, 2.0, 5.0]))
+        now_s += held_s
         q = q + held_s * qd
         beyond = float(np.maximum(q - limits.upper, limits.lower - q).max())
         position = max(position, beyond)

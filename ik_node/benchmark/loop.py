@@ -1,22 +1,23 @@
-"""A closed loop in the smallest form: target, twist, singularities, limits, an ideal arm. Shared by the benchmarks of
-limits and obstacles, and by their tests. Everything is an argument; nothing here reads a clock."""
+"""The node's tick in the smallest closed loop: a target known exactly, an ideal arm. Shared by the benchmarks of limits
+and obstacles, and by their tests. Everything is an argument; nothing here reads a clock."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from ik_node import bounded, se3
-from ik_node.arrival import arriving
+from ik_node.clock import NS
 from ik_node.control_law import twist_feedback
-from ik_node.limits import JointBounds, MotionLimits, joint_bounds
+from ik_node.limits import joint_bounds, motion_limits
 from ik_node.resolution import resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
-from ik_node.settings import ControlSettings, SingularitySettings
-from ik_node.singularity import START, PassageState, pass_singularities
+from ik_node.settings import ControlSettings, Settings
+from ik_node.tick import NOTHING_SEEN, Moment, Outcome, TickSolver
 from ik_node.trajectory.motion import Motion
 
 PERIOD_S = 0.002
@@ -32,91 +33,51 @@ class Target(Protocol):
         """T_sd, (4, 4)."""
 
 
-class Request(NamedTuple):
-    """What the bounded problem is to solve."""
-
-    jacobian: Array
-    twist: Array
-    pace: float
-    sigma: float
+Way = Callable[[Moment, Array], Outcome]
+"""(arm, V) -> what is commanded, as :meth:`TickSolver.follow_twist`; may keep a state of its own."""
 
 
-Passing = Callable[[Robot, Array, Array, Array, Array, JointBounds, MotionLimits, float], Request]
-"""(robot, q, J, V, command that stands, box, limits, s before) -> what to solve; may keep a state of its own."""
+def settings_of(acceleration: tuple[float, ...], values: Mapping[str, Any] = MappingProxyType({})) -> Settings:
+    """The defaults at 500 Hz with these accelerations and other parameters; self-collision is not watched."""
+    chosen = {"rate_hz": 1.0 / PERIOD_S, "obstacles.self_collision": False, "limits.acceleration": acceleration}
+    return Settings().with_values({**chosen, **values})
 
 
-def ours(settings: SingularitySettings | None = None) -> Passing:
-    """The package's own way past singularities."""
-    chosen = SingularitySettings() if settings is None else settings
-    state: list[PassageState] = [START]
-
-    def passing(
-        robot: Robot,
-        q: Array,
-        jacobian: Array,
-        twist: Array,
-        previous: Array,
-        bounds: JointBounds,
-        limits: MotionLimits,
-        scale: float,
-    ) -> Request:
-        found = pass_singularities(
-            lambda p: robot.evaluate(p).jacobian_b,
-            q,
-            jacobian,
-            twist,
-            previous,
-            bounds,
-            limits,
-            ROW_SCALE,
-            chosen,
-            state[0],
-            PERIOD_S,
-            scale,
-        )
-        state[0] = found.state
-        return Request(found.jacobian, found.twist, found.pace, float(found.singular_values[-1]))
-
-    return passing
+def ours(robot: Robot, settings: Settings) -> Way:
+    """The tick of the node."""
+    return TickSolver(robot, settings).follow_twist
 
 
-def exact(
-    robot: Robot,
-    q: Array,
-    jacobian: Array,
-    twist: Array,
-    previous: Array,
-    bounds: JointBounds,
-    limits: MotionLimits,
-    scale: float,
-) -> Request:
+def exact(robot: Robot, settings: Settings) -> Way:
     """The first prototype: V as it is, slowed down by the limits alone."""
-    del robot, q, previous, bounds, limits, scale
-    sigma = np.linalg.svd(ROW_SCALE[:, None] * jacobian, compute_uv=False)
-    return Request(jacobian, twist, 1.0, float(sigma[-1]))
+    return _unpassed(robot, settings, lambda jacobian, twist: (jacobian, twist))
 
 
-def faded(threshold: float) -> Passing:
-    """The second prototype: directions fade out below ``threshold``, whatever they would have cost."""
+def faded(robot: Robot, settings: Settings) -> Way:
+    """The second prototype: directions fade out below 0.05 m, whatever they would have cost."""
 
-    def passing(
-        robot: Robot,
-        q: Array,
-        jacobian: Array,
-        twist: Array,
-        previous: Array,
-        bounds: JointBounds,
-        limits: MotionLimits,
-        scale: float,
-    ) -> Request:
-        del robot, q, previous, bounds, limits, scale
+    def fade(jacobian: Array, twist: Array) -> tuple[Array, Array]:
         u, sigma, rows = np.linalg.svd(ROW_SCALE[:, None] * jacobian, full_matrices=False)
-        wanted = resolve(jacobian, twist, threshold=threshold, row_scale=ROW_SCALE, checked=True)
-        raised = np.maximum(sigma, 1e-6)
-        safe = ((u * raised) @ rows) / ROW_SCALE[:, None]
-        return Request(safe, safe @ wanted.task_velocity, 1.0, float(sigma[-1]))
+        wanted = resolve(jacobian, twist, threshold=0.05, row_scale=ROW_SCALE, checked=True)
+        safe = ((u * np.maximum(sigma, 1e-6)) @ rows) / ROW_SCALE[:, None]
+        return safe, safe @ wanted.task_velocity
 
-    return passing
+    return _unpassed(robot, settings, fade)
+
+
+def _unpassed(robot: Robot, settings: Settings, ask: Callable[[Array, Array], tuple[Array, Array]]) -> Way:
+    """The bounded problem of what ``ask`` makes of J and V, without the node's passage of singularities."""
+    limits = motion_limits(robot, settings.limits, settings.control.rate_hz)
+    nothing, unknown = np.zeros(6), np.full(6, np.nan)
+
+    def way(moment: Moment, twist_b: Array) -> Outcome:
+        bounds = joint_bounds(limits, moment.q, moment.previous, moment.elapsed_s)
+        jacobian = robot.evaluate(moment.q_middle).jacobian_b
+        answer = bounded.solve(*ask(jacobian, twist_b), bounds.lo, bounds.hi, row_scale=ROW_SCALE)
+        sigma = np.asarray(np.linalg.svd(ROW_SCALE[:, None] * jacobian, compute_uv=False))
+        return Outcome(answer.joint_velocity, answer.scale, 1.0, nothing, unknown, unknown, sigma, (), (), NOTHING_SEEN)
+
+    return way
 
 
 class Run(NamedTuple):
@@ -128,43 +89,36 @@ class Run(NamedTuple):
     pose: Array
     """Tool poses, (ticks, 4, 4)."""
     pace: Array
-    """Part of V that was done: pace of the passage times s."""
+    """s of the Step: the part of V that was done."""
     sigma: Array
     error_m: Array
     error_rad: Array
 
 
 def follow(
-    robot: Robot, target: Target, q: Array, limits: MotionLimits, duration_s: float, passing: Passing | None = None
+    robot: Robot,
+    target: Target,
+    q: Array,
+    way: Way,
+    duration_s: float,
+    control: ControlSettings = CONTROL,
+    seen: Callable[[Moment], None] = lambda moment: None,
 ) -> Run:
-    """Follows ``target`` from rest at ``q`` with an ideal arm at 500 Hz, ``plain``."""
-    way = ours() if passing is None else passing
-    q, qd, scale = q.copy(), np.zeros(robot.n), 1.0
+    """Follows ``target`` from rest at ``q`` with an ideal arm at 500 Hz; ``seen`` is told of every tick first."""
+    q, qd = q.copy(), np.zeros(robot.n)
     rows = []
     for tick in range(round(duration_s / PERIOD_S)):
         time_s = tick * PERIOD_S
         pose_sd = target.pose(time_s)
         twist_d = se3.log(se3.inverse(pose_sd) @ target.pose(time_s + PERIOD_S)) / PERIOD_S
-        state = robot.evaluate(q)
-        law = twist_feedback(state.pose_sb, Motion(pose_sd, twist_d), CONTROL)
-        feedback = law.twist_b - law.feedforward_b
-        feedback = arriving(state.jacobian_b, law.error_b, feedback, limits, ROW_SCALE, 0.05)
-        bounds = joint_bounds(limits, q, qd, PERIOD_S)
-        asked = way(robot, q, state.jacobian_b, law.feedforward_b + feedback, qd, bounds, limits, scale)
-        answer = bounded.solve(asked.jacobian, asked.twist, bounds.lo, bounds.hi, row_scale=ROW_SCALE)
-        qd, scale = answer.joint_velocity, answer.scale
-        error = law.error_b
-        rows.append(
-            (
-                time_s,
-                q,
-                qd,
-                state.pose_sb,
-                asked.pace * scale,
-                asked.sigma,
-                *(np.sqrt(e @ e) for e in (error[:3], error[3:])),
-            )
-        )
+        pose_sb = robot.pose(q)
+        law = twist_feedback(pose_sb, Motion(pose_sd, twist_d), control)
+        moment = Moment(q, q + 0.5 * PERIOD_S * qd, qd, PERIOD_S, round(time_s * NS))
+        seen(moment)
+        outcome = way(moment, law.twist_b)
+        qd, error = outcome.joint_velocity, law.error_b
+        lengths = (float(np.sqrt(e @ e)) for e in (error[:3], error[3:]))
+        rows.append((time_s, q, qd, pose_sb, outcome.scale, outcome.singular_values[-1], *lengths))
         q = q + PERIOD_S * qd
     return Run(*(np.array(column) for column in zip(*rows, strict=True)))
 

@@ -24,16 +24,11 @@ LOOK_AHEAD_S = 0.5
 SPAN_M = 0.08
 """r, rotations times the characteristic length."""
 
-STRENGTH_N = 30_000.0
-"""F."""
 
-
-def dexterity(
-    jacobian_at: JacobianAt, q: Array, row_scale: Array, span: float = SPAN_M, strength: float = STRENGTH_N
-) -> Potential:
+def dexterity(jacobian_at: JacobianAt, q: Array, row_scale: Array, strength: float, span: float = SPAN_M) -> Potential:
     """h at q (n,), and the part of grad_h in the null space of J (m, n) there.
 
-    ``row_scale`` (m,) makes rotations comparable with translations; ``span`` r in m; ``strength`` F in N.
+    ``row_scale`` (m,) makes rotations comparable with translations; ``strength`` F in N; ``span`` r in m.
     """
     jacobian = jacobian_at(q)
     gradient = np.zeros(len(q))

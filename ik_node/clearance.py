@@ -118,9 +118,10 @@ class Clearance:
         self._requests = list(self._data.distanceRequests)
         for request in self._requests:
             request.gjk_tolerance = TOLERANCE
-        n = geometry.robot.n
-        zeros = np.zeros((len(obstacles), n))
-        moves, reach = np.concatenate((geometry.moves, zeros > 0.0)), np.concatenate((geometry.reach, zeros))
+        m, n = geometry.moves.shape[1], geometry.robot.n
+        still = np.zeros((len(obstacles), m), dtype=bool)
+        moves = np.concatenate((geometry.moves, still))
+        reach = np.concatenate((geometry.reach, np.zeros((len(obstacles), n))))
         firsts, seconds = [pair[0] for pair in self._pairs], [pair[1] for pair in self._pairs]
         self._firsts, self._seconds = np.array(firsts, dtype=int), np.array(seconds, dtype=int)
         self._first_moves, self._second_moves = moves[firsts].astype(float), moves[seconds].astype(float)
@@ -150,7 +151,7 @@ class Clearance:
         The links' speeds at ``qd``, each a ball that moves and turns, plus ``reach`` times the change.
         """
         moves = self.geometry.moves
-        twists = (moves * qd) @ self.geometry.robot.root_jacobian(q).T
+        twists = (moves * self.geometry.robot.motion(qd)) @ self.geometry.robot.root_jacobian(q).T
         placements = self.geometry.robot.data.oMi
         centres = np.array(
             [placements[parent].act(at) for parent, at in zip(self._parents, self._centres, strict=True)]
@@ -238,6 +239,7 @@ class Clearance:
         at_first = _rows(np.concatenate((normals, _cross(firsts, normals)), axis=1), jacobian)
         at_second = _rows(np.concatenate((normals, _cross(seconds, normals)), axis=1), jacobian)
         slope = self._second_moves[near] * at_second - self._first_moves[near] * at_first
+        slope = self.geometry.robot.per_joint(slope)
         drift = np.zeros(len(near))
         for row, pair in enumerate(near):
             entry = self._obstacles[self._obstacle_of[pair]] if pair >= self._own else None

@@ -86,7 +86,7 @@ class Geometry:
     pairs: tuple[PairOfLinks, ...]
     """All pairs on different joints, watched or not."""
     moves: Flags
-    """(links, n), bool: which joints move which link."""
+    """(links, m), bool: which moving joints, mimic ones among them, move which link."""
     reach: Array
     """(links, n): no point of the link moves by more than this times the motion of the joint, m per rad (1 for m)."""
 
@@ -153,7 +153,7 @@ def load(
         raise CollisionUnavailableError("the URDF holds no collision geometry")
     links = tuple(_link(robot.model.frames[frame].name, group, simplification) for frame, group in groups.items())
     moves = np.array([robot.joint_moves(link.parent) for link in links])
-    reach = np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0)
+    reach = robot.most_per_joint(np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0))
     pairs = _pairs(robot, links, srdf, set(ignored), set(checked)) if self_collision else ()
     return Geometry(robot, links, pairs, moves, reach)
 
@@ -211,9 +211,9 @@ def _corners(solid: Any, name: str) -> Array:
 
 
 def _reach(robot: Robot, link: Link) -> Array:
-    """(n,): how far from joint j a point of the link can ever be: the links in between, stretched out."""
+    """(m,): how far from moving joint j a point of the link can ever be: the links in between, stretched out."""
     model = robot.model
-    reach = np.zeros(robot.n)
+    reach = np.zeros(len(robot.turning))
     farthest = float(np.sqrt((link.points**2).sum(axis=1)).max())
     if isinstance(link.solid, coal.Capsule):
         ends = _placed(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) * link.solid.halfLength, link.placement)
@@ -225,8 +225,7 @@ def _reach(robot: Robot, link: Link) -> Array:
         reach[column] = distance if turning else 1.0
         distance += float(np.linalg.norm(model.jointPlacements[joint].translation))
         if not turning:
-            limits = np.abs(np.concatenate((robot.limits.lower[column], robot.limits.upper[column])))
-            distance += min(float(limits.max()), LONGEST_STROKE_M)
+            distance += min(float(robot.strokes[column].max()), LONGEST_STROKE_M)
         joint = model.parents[joint]
     return reach
 

@@ -9,7 +9,6 @@ faster than the reference may move (and 0.3 s before) are left out of errors and
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -133,7 +132,7 @@ class Yardstick(NamedTuple):
 def yardstick(stream: Stream, ticks: int, tick_s: float = TICK_S) -> Yardstick:
     """For :func:`figures`; worth keeping where several followers are measured on one stream."""
     truth = np.array([stream.truth.pose(tick * tick_s) for tick in range(ticks)])
-    return Yardstick(truth, _counted(stream, tick_s * np.arange(ticks, dtype=np.float64)))
+    return Yardstick(truth, counted(stream, tick_s * np.arange(ticks, dtype=np.float64)))
 
 
 class Smoothness(NamedTuple):
@@ -193,8 +192,9 @@ def figures(track: Track, stream: Stream, known: Yardstick | None = None) -> tup
     )
 
 
-def _counted(stream: Stream, times: Array) -> Array:
-    counted = times >= SKIPPED_S
+def counted(stream: Stream, times: Array) -> Array:
+    """Whether errors at ``times`` (N,) count, (N,): not at the begin, and not about a step of the target."""
+    result = times >= SKIPPED_S
     settings = TargetSettings()
     period_s = float(np.median(np.diff(stream.times_s)))
     for before, after, a, b in zip(stream.times_s, stream.times_s[1:], stream.poses, stream.poses[1:], strict=False):
@@ -202,8 +202,8 @@ def _counted(stream: Stream, times: Array) -> Array:
         way = float(np.linalg.norm(b[:3, 3] - a[:3, 3]))
         turn = float(np.linalg.norm(se3.log_rotation(a[:3, :3].T @ b[:3, :3])))
         if way > settings.max_linear_speed * dt or turn > settings.max_angular_speed * dt:
-            counted &= (times < before - 0.3) | (times > after + 2.0)
-    return np.asarray(counted, dtype=np.float64)
+            result &= (times < before - 0.3) | (times > after + 2.0)
+    return np.asarray(result, dtype=np.float64)
 
 
 def _position_errors(poses: Array, truth: Array, counted: Array, shift: int) -> Array:
@@ -309,15 +309,17 @@ RECORDINGS = (
 """Dense recordings to decimate: name, place below the folder of data, how to read it."""
 TASK_BOARD = "taskboard_20hz/data_trial1.csv"
 """Goals as they were sent to a robot."""
-TASK_BOARD_FORMAT = PoseFileFormat(prefix="goal", time="pose_header_seq", time_unit="ms")
 
 
-def task_board(data: Path, start_s: float = 0.0, end_s: float | None = None) -> Stream:
+def task_board_format(data: Path) -> PoseFileFormat:
+    """How to read :data:`TASK_BOARD` below ``data``."""
+    stamps = (data / TASK_BOARD).with_name("seq_trial1.csv")
+    return PoseFileFormat(prefix="goal", time="pose_header_seq", time_unit="ms", time_file=str(stamps))
+
+
+def task_board(data: Path) -> Stream:
     """The goals of the task board in ``data``; their own interpolation is the densest truth there is."""
-    file = data / TASK_BOARD
-    stamps = str(file.with_name("seq_trial1.csv"))
-    how = dataclasses.replace(TASK_BOARD_FORMAT, time_file=stamps, start_s=start_s, end_s=end_s)
-    goals = load(file, how)
+    goals = load(data / TASK_BOARD, task_board_format(data))
     times = np.array([sample.time_s for sample in goals.samples()])
     return Stream("task board", times, np.array([sample.pose for sample in goals.samples()]), goals)
 

@@ -16,6 +16,7 @@ PARTS = {
     "recording": ("ik_node.benchmark.recording", "what recording costs the loop, what a kill costs it, a long run"),
     "replay": ("ik_node.benchmark.replay", "runs of the node with every method, replayed bit for bit, and how fast"),
     "streams": ("ik_node.benchmark.streams", "streamed poses followed in process, beside P control and other rivals"),
+    "tracking": ("ik_node.benchmark.tracking", "the whole loop on known and streamed targets, beside tuned rivals"),
 }
 """Name -> module with a ``main(arguments) -> int``, and what it measures."""
 

@@ -29,6 +29,10 @@ The pace is the largest factor <= 1 with which the rates stay within the joints'
 the joint velocities along the path stays within their accelerations: qd_e(q) = J^-1 V changes by pace^2 (d qd_e/dq)
 qd_e. That slows down early enough; the box alone would notice too late and bend the path while braking.
 
+A boundary has two sides (an elbow bent either way), and at the boundary itself a breath of motion changes them. The
+side that the arm came from is remembered (:mod:`ik_node.branch`): who is on the other one and is called back goes
+through the boundary first, which costs the tool next to nothing, and then back the way it came.
+
 At sigma below ``tolerance`` the rate is w / max(sigma, tolerance / 2...): bounded, and not zero at an exactly singular
 start, so that it gets away; the side to turn to is the one it already turns to.
 """
@@ -39,6 +43,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.branch import Branch, follow_branch
 from ik_node.limits import JointBounds, MotionLimits
 from ik_node.pseudoinverse import Decomposition, decompose
 from ik_node.se3 import Array
@@ -81,6 +86,8 @@ class PassageState(NamedTuple):
     """How far the decision is carried out: 1 slows down, 0 has let go."""
     abreast_s: float
     """For how long it has been passing straight by without coming past, s."""
+    branch: Branch | None = None
+    """The side of the nearest singularity that the arm came from; None away from singularities."""
 
 
 START = PassageState(0.0, "free", 1.0, 0.0)
@@ -134,14 +141,16 @@ def pass_singularities(
         free = PassageState(max(0.0, state.lost_s - elapsed_s), "free", 1.0, 0.0)
         return Passage(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, parts, free)
     near = Neighbourhood(jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance)
+    branch = follow_branch(state.branch, u[:, -1], rows[-1], float(sigma[-1]) / settings.threshold)
     patient = 1.0 - smooth_step((state.lost_s - settings.patience_s) / LETTING_GO_S)
     wanted = near.rates(sigma, near.along)
     if state.kept == 1.0 and state.lost_s <= settings.patience_s and near.easy(wanted, limits):
         lost_s = _count(state.lost_s, scale_before, elapsed_s, previous, limits)
-        free = PassageState(lost_s, "free", 1.0, 0.0)
+        free = PassageState(lost_s, "free", 1.0, 0.0, branch)
         return Passage(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, parts, free)
     few = np.flatnonzero(sigma < settings.threshold).tolist()
-    for index in few:
+    wrong = branch is not None and branch.wrong
+    for index in few[:-1] if wrong else few:
         wanted[index] = same_side(near, index, wanted[index], previous, bounds)
     rest = wanted.copy()
     rest[few] = 0.0
@@ -154,9 +163,20 @@ def pass_singularities(
         state, views[-1].closest, float(sigma[-1]), settings.tolerance, min(turn, *paces), elapsed_s, scale_before
     )
 
+    back = wrong and views[-1].leaving and views[-1].inside < 0.5
+    if back:
+        # From the wrong side of a boundary the way out leads back through it.
+        wanted[-1] = -wanted[-1]
     keep, clipped, pace = np.ones(size), wanted.copy(), 1.0
     for index, view, own in zip(few, views, paces, strict=True):
-        keep[index] = patient * (max(after.kept, 1.0 - view.inside) if view.leaving else after.kept * view.inside)
+        if view.leaving:
+            # At the boundary itself the other directions need not wait until the arm has turned round.
+            left = smooth_step(float(sigma[index]) / settings.tolerance - 1.0)
+            keep[index] = patient * max(after.kept, 1.0 - view.inside) * (view.inside + (1.0 - view.inside) * left)
+        else:
+            keep[index] = patient * after.kept * view.inside
+        if back and index == size - 1:
+            keep[index] = 0.0
         # Half a turn would be worse than a whole one or none: who passes straight by hardly turns.
         part = float(sigma[index]) / (FADING * settings.threshold)
         faded = abs(float(near.along[index])) * min(1.0, part * (3.0 - 2.0 * part)) / (FADING * settings.threshold)
@@ -184,7 +204,7 @@ def pass_singularities(
         float(keep[few].min()),
         sigma,
         parts if safe is jacobian else None,
-        after._replace(lost_s=lost_s),
+        after._replace(lost_s=lost_s, branch=branch),
     )
 
 

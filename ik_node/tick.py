@@ -23,6 +23,8 @@ NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
 
 
+ESCAPE_N = 100.0
+"""Push along the null space out of a singularity in which a part of the twist is given up."""
 STANDSTILL = 0.05
 """An arm that does less than this part of a twist stands before a limit."""
 LEAST_TWIST = 1e-3
@@ -150,7 +152,7 @@ class TickSolver:
             moment.elapsed_s,
             self._memory.scale,
         )
-        weight, gradient = self._cost(moment, seen)
+        weight, gradient = self._cost(moment, seen, 1.0 - passage.keep if passage.state.branch is None else 0.0)
         gain = 0.0 if gradient is None else control.gradient_gain
         wanted = resolve(
             passage.jacobian,
@@ -260,8 +262,12 @@ class TickSolver:
         seen = self.lookout.look(moment.q, moment.previous, change, limits.dt_max_s, moment.time_ns, repel)
         return bounds, seen
 
-    def _cost(self, moment: Moment, seen: Surroundings | None) -> tuple[Array | None, Array | None]:
-        """Weight and gradient of the method, the secondary gradients added."""
+    def _cost(self, moment: Moment, seen: Surroundings | None, lost: float) -> tuple[Array | None, Array | None]:
+        """Weight and gradient of the method, the secondary gradients added.
+
+        ``lost`` in 0..1: how much of a direction is being given up. An arm that has a null space uses it then to get
+        away from the singularity.
+        """
         repulsion = None if seen is None else seen.potential.gradient
         if self._dexterity > 0.0:
             ahead = moment.q + dexterity.LOOK_AHEAD_S * moment.previous
@@ -271,6 +277,9 @@ class TickSolver:
         secondary = self.lookout.secondary_gradient(moment.q)
         if secondary is not None:
             gradient = secondary if gradient is None else gradient + secondary
+        if lost > 0.0 and self._robot.n > 6:
+            away = dexterity.dexterity(self._robot_jacobian, moment.q_middle, self._row_scale, lost * ESCAPE_N).gradient
+            gradient = away if gradient is None else gradient + away
         return weight, gradient
 
     def _outcome(

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loop import READY, Loop, make_robot
 
 from ik_node import bounded
 from ik_node.benchmark.loop import PERIOD_S, ROW_SCALE, exact, faded, follow, ours, sign_changes
 from ik_node.benchmark.optimum import arm, random_position
 from ik_node.benchmark.singularities import SETTINGS as TICK
 from ik_node.benchmark.singularities import Drive, Figures, drives, measure, singularities
+from ik_node.branch import Branch, follow_branch
 from ik_node.limits import MotionLimits, joint_bounds, motion_limits
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -63,7 +65,7 @@ def test_nothing_happens_away_from_singularities() -> None:
         assert (found.jacobian == robot.evaluate(q).jacobian_b).all()
         assert found.pace == found.keep == 1.0
         assert not found.lost.any()
-        assert found.state == (1.0 - PERIOD_S, "free", 1.0, 0.0)
+        assert found.state == PassageState(1.0 - PERIOD_S, "free", 1.0, 0.0)
 
 
 def test_gentle_twists_are_done_exactly_however_near() -> None:
@@ -206,3 +208,50 @@ def test_who_is_blocked_by_a_limit_lets_go_after_its_patience() -> None:
     found = passage(robot, q, twist, state=state, scale=0.0)
     assert found.pace == pytest.approx(1.0)
     assert u[:, 0] @ (ROW_SCALE * found.twist) == pytest.approx(0.1, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "radius_m", "elbow"), [("panda", 0.75, 3), ("ur5", 0.9, 2)])
+def test_an_elbow_comes_back_from_out_of_reach_bent_the_way_it_was(name: str, radius_m: float, elbow: int) -> None:
+    """Led beyond its reach and back by a stream: calm while it waits, and not on the other side of the stretched elbow.
+
+    The other side was taken by chance before: a Panda then ran into the limit of joint 4 and stayed there.
+    """
+    loop = Loop(make_robot(name), READY[name])
+    loop.run(0.05)
+    home = loop.pose()
+    away = home.copy()
+    away[:2, 3] *= radius_m / np.linalg.norm(home[:2, 3])
+
+    def between(part: float) -> Array:
+        pose: Array = home.copy()
+        pose[:3, 3] += min(max(part, 0.0), 1.0) * (away[:3, 3] - home[:3, 3])
+        return pose
+
+    loop.follow(lambda time_s: between(time_s / 2.5), 3.5, 50.0)
+    begin = len(loop.steps)
+    loop.follow(lambda time_s: between(1.0), 1.0, 50.0)
+    waiting = np.array([step.joint_velocity for step in loop.steps[begin:]])
+    assert sign_changes(waiting) <= 2
+    assert np.abs(waiting).max() < 0.6
+    begin = len(loop.steps)
+    loop.follow(lambda time_s: between(1.0 - time_s / 2.5), 3.5, 50.0)
+    error_m = np.array([np.linalg.norm(step.error_b[:3]) for step in loop.steps[begin:]])
+    assert error_m[round(1.8 / PERIOD_S) : round(2.3 / PERIOD_S)].max() < 1e-3
+    assert error_m[-1] < 1e-4
+    assert loop.position[elbow] == pytest.approx(READY[name][elbow], abs=0.05)
+
+
+def test_the_sides_of_a_singularity_are_told_apart_whatever_the_signs_of_its_decomposition() -> None:
+    """The wrist of a UR5 turned through zero in small steps: wrong from there on, not before, and back again."""
+    robot = arm("ur5")
+    state: Branch | None = None
+    chance = np.random.default_rng(7)
+    for sweep, wrong in ((np.linspace(0.3, 0.02, 40), False), (np.linspace(-0.02, -0.3, 40), True)):
+        for angle in sweep:
+            q = np.array([0.3, -1.2, 1.6, -1.2, angle, 0.4])
+            u, sigma, rows = np.linalg.svd(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b)
+            signs = chance.choice([-1.0, 1.0], 2)
+            state = follow_branch(state, signs[0] * u[:, -1], signs[0] * rows[-1], sigma[-1] / SETTINGS.threshold)
+            assert state is not None
+            assert state.wrong == wrong
+    assert follow_branch(None, u[:, -1], rows[-1], 0.2) is None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from visualization_msgs.msg import MarkerArray
@@ -33,6 +34,8 @@ MESSAGE_TYPES = {
     encode.STATUS: DiagnosticStatus,
     encode.DIAGNOSTICS: DiagnosticArray,
 }
+LAST_WORD = Duration(seconds=0.2)
+"""Longest wait until those who look know that there is nothing more to be seen."""
 SPECIAL_QOS = {encode.COMMANDS: qos.COMMAND, encode.STATUS: qos.LATCHED}
 
 
@@ -108,9 +111,10 @@ class StepPublisher:
             self._marker_publisher.publish(self._markers.say(scene, now))
 
     def no_markers(self, now: Instant) -> None:
-        """Takes the markers away, from those who look."""
+        """Takes the markers away, from those who look; waits a moment, since the process may be about to end."""
         if self._markers is not None and self._marker_publisher.get_subscription_count():
             self._marker_publisher.publish(self._markers.end(now))
+            self._marker_publisher.wait_for_all_acked(LAST_WORD)
 
     def _values(self) -> dict[str, str]:
         return {} if self._last is None else encode.step_values(self._last, self._method)

@@ -213,7 +213,7 @@ def _corners(solid: Any, name: str) -> Array:
 def _reach(robot: Robot, link: Link) -> Array:
     """(m,): how far from moving joint j a point of the link can ever be: the links in between, stretched out."""
     model = robot.model
-    reach = np.zeros(len(robot.turning))
+    reach = np.zeros(len(robot.moving_revolute))
     farthest = float(np.sqrt((link.points**2).sum(axis=1)).max())
     if isinstance(link.solid, coal.Capsule):
         ends = _placed(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) * link.solid.halfLength, link.placement)
@@ -221,7 +221,7 @@ def _reach(robot: Robot, link: Link) -> Array:
     joint, distance = link.parent, farthest
     while joint > 0:
         column = robot.joint_moves(joint) & ~robot.joint_moves(model.parents[joint])
-        turning = bool(robot.turning[column].all()) if column.any() else True
+        turning = bool(robot.moving_revolute[column].all()) if column.any() else True
         reach[column] = distance if turning else 1.0
         distance += float(np.linalg.norm(model.jointPlacements[joint].translation))
         if not turning:

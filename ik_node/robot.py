@@ -95,13 +95,18 @@ class Robot:
         self._coordinates = [(self.model.joints[index].idx_q, self.model.joints[index].nq) for index in model_ids]
         self._plain = all(nq == 1 for _, nq in self._coordinates)
         self._configuration_index = np.array([index for index, _ in self._coordinates])
-        masters = {mimic.master for mimic in self._followers.values()}
-        # A whole turn of a master is none of those that mimic it.
-        self.continuous = np.array(
-            [nq == 2 and name not in masters for name, (_, nq) in zip(model_joints, self._coordinates, strict=False)]
+        self.moving_revolute = np.array(
+            [self.model.joints[index].shortname().startswith("JointModelR") for index in model_ids]
         )
-        self.turning = np.array([self.model.joints[index].shortname().startswith("JointModelR") for index in model_ids])
-        """(m,), bool: which moving joints (see :meth:`motion`) turn; the others slide."""
+        """(m,), bool: which moving joints (see :meth:`motion`) are revolute; the others slide."""
+        self.revolute = self.moving_revolute[: self.n]
+        """(n,), bool: the same of the controlled ones."""
+        # A whole turn of a master is none of those that mimic it.
+        alone = ~np.isin(model_joints, [mimic.master for mimic in self._followers.values()])
+        self.turning = self.revolute & alone
+        """(n,), bool: where a joint is revolute, so that a full turn changes nothing."""
+        self.continuous = np.array([nq == 2 for _, nq in self._coordinates])[: self.n] & alone
+        """(n,), bool: which of these have no limits."""
         if self.model.frames[self._base_id].parentJoint != 0:
             raise RobotError(
                 f"base frame '{self.base_frame}' is moved by the controlled joints {', '.join(self.joints)}"

@@ -10,16 +10,19 @@ import re
 
 import numpy as np
 import pytest
+from loop import READY, Loop
 
 from ik_node import catalogue, collision, se3
 from ik_node.benchmark.optimum import random_position
 from ik_node.clearance import Clearance
 from ik_node.errors import RobotError
+from ik_node.inverse_kinematics import PoseSolver
 from ik_node.mimic import read_mimics
 from ik_node.robot import Robot
 from ik_node.scene import Scene, obstacle, shape
 from ik_node.se3 import Array
-from ik_node.settings import ArmSettings
+from ik_node.settings import ArmSettings, Settings
+from ik_node.step import Mode
 
 GENERATOR = np.random.default_rng(21)
 RATIO = np.array(
@@ -292,3 +295,33 @@ def test_a_master_that_does_not_move_holds_what_mimics_it() -> None:
     assert robot.joints == ("joint2", "joint4")
     held = Robot(description(), tip_frame="link6", joints=("joint2", "joint4"))
     assert np.abs(robot.pose(np.array([0.2, 0.5])) - held.pose(np.array([0.2, 0.5]))).max() < 1e-14
+
+
+@pytest.mark.parametrize("method", ["plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient"])
+def test_the_control_loop_carries_a_finger_that_mimics(method: str) -> None:
+    """The whole way from target to command with eight joints, of which nine move; the finger stays in its 4 cm."""
+    urdf = catalogue.read_urdf(catalogue.find("panda"))
+    robot = Robot(urdf, "panda_link0", "panda_rightfinger")
+    loop = Loop(robot, (*READY["panda"], 0.02), Settings().with_values({"method": method}))
+    goal = loop.pose()
+    goal[:3, 3] += (0.02, 0.06, -0.05)
+    loop.run(2.0, lambda: loop.target(goal) if loop.steps else None)
+    assert np.linalg.norm(loop.pose()[:3, 3] - goal[:3, 3]) < 5e-4
+    positions = np.array([step.joint_position for step in loop.steps])
+    assert positions[:, 7].min() >= -1e-9
+    assert positions[:, 7].max() <= 0.04 + 1e-9
+    assert loop.mode() is Mode.TRACKING
+
+
+def test_inverse_kinematics_counts_no_whole_turns_of_a_master() -> None:
+    """Solutions are within the limits, and reach the pose; a turn of joint1 would not leave joint3 where it was."""
+    kinds = {"joint1": "continuous", "joint3": "continuous", "joint4": "continuous", "nod6": "continuous"}
+    robot = Robot(description(kinds=kinds), tip_frame="link6")
+    assert robot.turning.tolist() == [False, False, False]
+    assert robot.revolute.tolist() == [True, True, True]
+    solver = PoseSolver(robot, eps_omega=1e-8, eps_v=1e-8)
+    for _ in range(5):
+        q = GENERATOR.uniform((-9.0, -1.5, -9.0), (9.0, 1.5, 9.0))
+        found = solver.solve(robot.pose(q), q + 0.05)
+        assert found.converged
+        assert np.abs(robot.pose(found.q) - robot.pose(q)).max() < 1e-7

@@ -179,7 +179,8 @@ def _finish(
         print(title)
         planar = options.example == "2r"
         digits = _given(options.digits, 3 if planar else 4)
-        print(pose_table(solution, chain.turning.tolist(), planar=planar, digits=digits))
+        revolute = chain.revolute if isinstance(chain, Robot) else chain.turning
+        print(pose_table(solution, revolute.tolist(), planar=planar, digits=digits))
         counts = _count(solution.iterations, "iteration", "iterations")
         if solution.searches > 1:
             counts += f" in {solution.searches} searches"

@@ -114,7 +114,7 @@ def select(model: Any, base: str, tip: str, wanted: tuple[str, ...], mimics: dic
 
 def _moving(model: Any, chain: list[str], mimics: dict[str, Mimic]) -> tuple[str, ...]:
     """``chain`` with masters in the place of those that mimic them, less those that the URDF fixes."""
-    masters = {}
+    masters: dict[str, None] = {}
     for name in chain:
         master = mimics[name].master if name in mimics else name
         if not model.existFrame(master):

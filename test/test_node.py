@@ -128,7 +128,7 @@ def test_a_bad_target_is_refused_and_the_next_good_one_taken(peer: Peer, tmp_pat
 def test_a_signal_ramps_to_zero_and_leaves_a_whole_recording(peer: Peer, tmp_path: Path, number: int) -> None:
     bag = tmp_path / "bag"
     recording = ["-p", "recording.enabled:=true", "-p", f"recording.directory:={bag}"]
-    arm = moving(peer, tmp_path, [*recording, "-p", "limits.acceleration:=[2.0]"])
+    arm = moving(peer, tmp_path, [*recording, "-p", "limits.acceleration:=[0.5]"])
     before = len(peer.commands)
     peer.processes[0].stop(number)
     peer.spin(0.2, arm)
@@ -308,6 +308,18 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
     marker.header.frame_id = "panda_link0"
     obstacles.publish(MarkerArray(markers=[marker]))
     peer.until("the next good one", lambda: "refused" not in peer.reason, each=arm)
+
+
+def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None:
+    """Within seconds, by name; and it is over when one of them leaves. Two on joint_states are nobody's business."""
+    arm = holding(peer, tmp_path)
+    other = peer.node.create_publisher(PoseStamped, "/ik_node/target_pose", qos.STREAM)
+    driver = peer.node.create_publisher(JointState, "/joint_states", qos.STREAM)
+    peer.until("the crowd", lambda: "2 publishers on target_pose" in peer.reason, each=arm)
+    assert "joint_states" not in peer.reason
+    peer.node.destroy_publisher(other)
+    peer.until("one publisher", lambda: "publishers" not in peer.reason, each=arm)
+    peer.node.destroy_publisher(driver)
 
 
 def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ MESSAGE_TYPES = {
     encode.DIAGNOSTICS: DiagnosticArray,
 }
 LAST_WORD = Duration(seconds=0.2)
-"""Longest wait until those who look know that there is nothing more to be seen."""
+"""Longest wait until those who listen have the last there is to say."""
 SPECIAL_QOS = {encode.COMMANDS: qos.COMMAND, encode.STATUS: qos.LATCHED}
 
 
@@ -87,8 +87,12 @@ class StepPublisher:
         return [command, *others]
 
     def zeros(self) -> None:
-        """One more zero command: harmless, and certain to be the last word."""
+        """One more zero command: harmless, and certain to be the last word.
+
+        Waits a moment until it has arrived: a process that ends at once takes it along.
+        """
         self._publishers[encode.COMMANDS].publish(encode.encode_command(np.zeros(self._joint_count)))
+        self._publishers[encode.COMMANDS].wait_for_all_acked(LAST_WORD)
 
     def status(self, status: Status) -> Outgoing | None:
         """Publishes the status if it has changed since last time."""

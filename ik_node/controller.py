@@ -28,7 +28,7 @@ from ik_node.control_law import IkDifference, IkMemory, twist_feedback
 from ik_node.controller_state import ControllerMemory, ControllerState
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.following import FollowMonitor
-from ik_node.frames import Frames
+from ik_node.frames import Frames, FramesMemory
 from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
@@ -137,7 +137,8 @@ class Controller:
     def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
         """Takes a twist to jog by. Raises TargetRefused, and goes on with what it had."""
         with self._refusals():
-            frame = twist_frame(self.robot, self._ready().position, self._frames.known(sample.frame_id))
+            self._ready()
+            frame = twist_frame(self.robot, self._frames, sample.frame_id)
             self._targets.on_twist(sample, frame, now)
 
     def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
@@ -147,6 +148,17 @@ class Controller:
         self._status.note("obstacles", f"obstacle refused: {wrong}" if wrong else "")
         if wrong:
             raise SceneError(wrong)
+
+    def on_transform(self, answer: str, now: Instant) -> None:
+        """Takes where a frame outside the robot's model is: :func:`ik_node.frames.answer_text`."""
+        del now
+        with self._refusals():
+            self._frames.answer(answer)
+
+    def on_publishers(self, crowd: str, now: Instant) -> None:
+        """Takes which target topics have several publishers, in words; empty for none."""
+        del now
+        self._status.note("publishers", crowd)
 
     def on_listeners(self, count: int, now: Instant) -> None:
         """Takes how many listen to the commands; a node that nobody listens to does not pretend to move an arm."""
@@ -224,6 +236,7 @@ class Controller:
             remembered(self._states, MergerMemory),
             remembered(self._ik, IkMemory),
             remembered(self._integral, IntegralMemory),
+            remembered(self._frames, FramesMemory),
             self._targets.state(),
             self._follow.memory(),
             self._solver.memory(),
@@ -239,6 +252,7 @@ class Controller:
         recall(self._states, state.joint_states)
         recall(self._ik, state.ik_difference)
         recall(self._integral, state.integral)
+        recall(self._frames, state.frames)
         self._targets.restore(state.targets)
         self._follow.recall(state.follow)
         self._solver.recall(state.solver)

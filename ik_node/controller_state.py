@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ik_node.control_law import IkMemory
 from ik_node.following import FollowMemory
+from ik_node.frames import FramesMemory
 from ik_node.integral import IntegralMemory
 from ik_node.joint_states import JointState, MergerMemory
 from ik_node.scene import Scene
@@ -47,6 +48,7 @@ class ControllerState(NamedTuple):
     joint_states: MergerMemory
     ik_difference: IkMemory
     integral: IntegralMemory
+    frames: FramesMemory
     targets: TargetsState
     follow: FollowMemory
     solver: TickMemory

@@ -1,6 +1,13 @@
-"""Frames in which targets and obstacles come, seen from the base."""
+"""Frames in which targets and obstacles come, seen from the base.
+
+Those of the robot's model are known by themselves. Others (a camera, a table) are told from outside, as answers of tf:
+what was answered is an input like any other, so that a replay has it too.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,26 +15,47 @@ from ik_node import se3
 from ik_node.errors import InputError
 from ik_node.inputs import ObstacleSample, PoseSample
 from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.se3 import Array, vector
+
+
+class FramesMemory(NamedTuple):
+    """What :class:`Frames` remembers beside the last measurement."""
+
+    answers: dict[str, Array]
 
 
 class Frames:
-    """Every frame of the robot's model; those that the arm moves are where the last measurement has them."""
+    """Every frame of the robot's model, those that the arm moves where the last measurement has them; and answers."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self.position: Array | None = None
         """Last measured joint positions, (n,); None before the first."""
+        self.answers: dict[str, Array] = {}
+        """Frame outside the model -> T_sf, (4, 4), as last answered."""
+
+    def answer(self, text: str) -> None:
+        """Takes where a frame outside the model is, as :func:`answer_text` writes it; InputError when it is no pose."""
+        frame, *numbers = text.split(" ")
+        try:
+            values = vector([float(number) for number in numbers], 7, f"transform of '{frame}'")
+        except ValueError as error:
+            raise InputError(f"transform of '{frame}' is no seven numbers: {error}") from error
+        if frame not in self._robot.frames:
+            self.answers[frame] = se3.pose_from(values[:3], values[3:], f"transform of '{frame}'")
 
     def known(self, frame: str) -> str:
         """``frame`` itself; InputError with the frames that there are when it is none of them."""
-        if frame not in self._robot.frames:
-            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(sorted(self._robot.frames))}")
+        if frame not in self._robot.frames and frame not in self.answers:
+            valid = sorted({*self._robot.frames, *self.answers})
+            raise InputError(f"unknown frame '{frame}'; valid: {', '.join(valid)}")
         return frame
 
     def pose(self, frame: str) -> Array:
         """T_sf, (4, 4); InputError when the frame is unknown, or the arm's position is."""
-        if self.known(frame) == self._robot.base_frame:
+        if self.known(frame) in self.answers:
+            return self.answers[frame]
+        if frame == self._robot.base_frame:
             return np.eye(4)
         if self.position is None:
             raise InputError(f"frame '{frame}' cannot be placed before the first joint state")
@@ -38,3 +66,8 @@ class Frames:
         pose = se3.pose_from(sample.position, sample.quaternion, what)
         placed: Array = self.pose(sample.frame_id) @ pose
         return placed
+
+
+def answer_text(frame: str, position: Sequence[float], quaternion: Sequence[float]) -> str:
+    """A frame's place in the base frame as a text that gives the same bits back: name, x y z, m, and x y z w."""
+    return " ".join((frame, *(repr(float(value)) for value in (*position, *quaternion))))

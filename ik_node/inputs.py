@@ -89,3 +89,14 @@ class TwistSample(NamedTuple):
     frame_id: str
     twist: Array
     """(6,), m/s and rad/s, in the axes of ``frame_id``."""
+
+
+def frames_of(sample: object) -> tuple[str, ...]:
+    """The frames in which a target or an obstacle (a tuple of them) is written; none for joint states."""
+    if isinstance(sample, PathSample):
+        return tuple(dict.fromkeys(sample.frame_ids))
+    if isinstance(sample, (PoseSample, ObstacleSample, TrajectorySample, TwistSample)):
+        return (sample.frame_id,)
+    if isinstance(sample, tuple) and not isinstance(sample, JointSample):
+        return tuple(dict.fromkeys(frame for one in sample for frame in frames_of(one)))
+    return ()

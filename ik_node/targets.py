@@ -23,6 +23,7 @@ import numpy as np
 
 from ik_node.clock import NS, Instant, Stamped, place
 from ik_node.errors import InputError, TargetRefused
+from ik_node.frames import Frames
 from ik_node.inputs import PathSample, TrajectorySample, TwistSample
 from ik_node.robot import Robot
 from ik_node.se3 import Array, vector
@@ -294,11 +295,11 @@ class Targets:
         return self._path.goal_sd if self._on_path else None
 
 
-def twist_frame(robot: Robot, q: Array, frame: str) -> TwistFrame:
-    """The axes of ``frame`` of the model at q (n,); UnknownNameError with the frames that there are."""
-    rotation = robot.frame_pose(q, frame)[:3, :3]
-    if robot.moves_with_tool(frame):
-        return TwistFrame(robot.pose(q)[:3, :3].T @ rotation, True)
+def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:
+    """The axes of ``frame``, now; InputError with the frames that there are."""
+    rotation = frames.pose(frame)[:3, :3]
+    if frame in robot.frames and robot.moves_with_tool(frame) and frames.position is not None:
+        return TwistFrame(robot.pose(frames.position)[:3, :3].T @ rotation, True)
     return TwistFrame(rotation, False)
 
 

@@ -61,6 +61,14 @@ class RecordedController:
         self.controller.pause(now, reason)
         self._told(CallKind.PAUSE, now, text=reason)
 
+    def on_transform(self, answer: str, now: Instant) -> None:
+        self.controller.on_transform(answer, now)
+        self._told(CallKind.ON_TRANSFORM, now, text=answer)
+
+    def on_publishers(self, crowd: str, now: Instant) -> None:
+        self.controller.on_publishers(crowd, now)
+        self._told(CallKind.ON_PUBLISHERS, now, text=crowd)
+
     def resume(self, now: Instant) -> None:
         self.controller.resume()
         self._told(CallKind.RESUME, now)

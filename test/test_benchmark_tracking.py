@@ -13,10 +13,9 @@ import pytest
 from support import PROJECT
 
 from ik_node.benchmark import streams, tracking
-from ik_node.benchmark.optimum import arm
 from ik_node.benchmark.stream_rivals import Proportional
 from ik_node.benchmark.streams import CLEAN, STAMPED, figures, follow, sent
-from ik_node.benchmark.tracking import PROMPT, READY, first_seconds, resting_at, simulators
+from ik_node.benchmark.tracking import PROMPT, READY, first_seconds, panda, resting_at, simulators
 from ik_node.benchmark.tracking_arm import ArmFollower, Rival
 from ik_node.benchmark.tracking_dds import measured
 from ik_node.benchmark.tracking_rows import Bench, Demand, known_demands, order_demand, stream_demands
@@ -25,7 +24,7 @@ from ik_node.recording.reader import load_run
 from ik_node.report import truth_from_targets
 
 IDEAL, LAGGED = simulators(0)
-PANDA = arm("panda")
+PANDA, SETTINGS = panda(500.0)
 START = PANDA.pose(READY)
 CIRCLE, EIGHT, WAYPOINTS = known(PANDA, START)
 
@@ -50,7 +49,7 @@ def test_a_known_target_is_tracked_to_the_square_of_the_tick(target: Known) -> N
     rows = []
     for rate_hz in (250.0, 500.0):
         stream = first_seconds(target.stream(rate_hz), 3.5)
-        rows.append(Bench(PANDA, READY, IDEAL, stream, sent(stream, PROMPT, 0), rate_hz).node(target.message))
+        rows.append(Bench(PANDA, READY, IDEAL, stream, sent(stream, PROMPT, 0), panda(rate_hz)[1]).node(target.message))
     demands = order_demand("", (250.0, 500.0), rows) + known_demands("", IDEAL, 500.0, [rows[1]])
     assert len(demands) == 4
     assert not [demand.text() for demand in demands if not demand.met]
@@ -59,7 +58,7 @@ def test_a_known_target_is_tracked_to_the_square_of_the_tick(target: Known) -> N
 def test_a_late_arm_is_tracked_better_than_any_rival_can() -> None:
     """With the best gain for each: a third of the better rival's error at most; the search finds the rivals' limit."""
     stream = first_seconds(EIGHT.stream(250.0), 2.5)
-    bench = Bench(PANDA, READY, LAGGED, stream, sent(stream, PROMPT, 0), 250.0)
+    bench = Bench(PANDA, READY, LAGGED, stream, sent(stream, PROMPT, 0), panda(250.0)[1])
     rivals = bench.rivals()
     tuned = bench.tuned_node(EIGHT.message)
     demands = known_demands("", LAGGED, 250.0, [tuned, *rivals])
@@ -73,9 +72,9 @@ def test_a_late_arm_is_tracked_better_than_any_rival_can() -> None:
 def test_made_streams_are_tracked_as_asked(stream: streams.Stream) -> None:
     """The whole loop on a hand that cannot be foretold and on a smooth one, with jitter, losses and reordering."""
     short = first_seconds(laid_at(START, stream), 4.0)
-    bench = Bench(PANDA, resting_at(PANDA, short.poses[0]), IDEAL, short, sent(short, STAMPED, 0), 500.0)
+    bench = Bench(PANDA, resting_at(PANDA, short.poses[0]), IDEAL, short, sent(short, STAMPED, 0), SETTINGS)
     rival = bench.row("P", Rival(PANDA, Proportional(10.0)))
-    demands = stream_demands("", float(np.median(np.diff(short.times_s))), bench.node(), rival)
+    demands = stream_demands("", short, bench.node(), rival)
     assert len(demands) == 5
     assert not [demand.text() for demand in demands if not demand.met]
 

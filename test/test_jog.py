@@ -13,6 +13,7 @@ from loop import READY, make_robot
 from ik_node import se3
 from ik_node.clock import NS, Stamped
 from ik_node.control_law import twist_feedback
+from ik_node.frames import Frames
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import ControlSettings, JogSettings
@@ -142,6 +143,13 @@ def test_a_tool_that_cannot_follow_holds_the_reference_on_a_leash() -> None:
 # --- with arms -------------------------------------------------------------------------------------------------------
 
 
+def frames_at(robot: Robot, q: Array) -> Frames:
+    """The frames of the model at q."""
+    frames = Frames(robot)
+    frames.position = q
+    return frames
+
+
 class ArmRun:
     """Jog, feedback on the twist and pseudoinverse, at 500 Hz."""
 
@@ -155,7 +163,7 @@ class ArmRun:
     def step(self, twist: Array, frame: str) -> Array:
         now = self.tick * TICK_NS
         if self.tick % 10 == 0:
-            self.jog.add(twist, twist_frame(self.robot, self.q, frame), Stamped(now, now, 0))
+            self.jog.add(twist, twist_frame(self.robot, frames_at(self.robot, self.q), frame), Stamped(now, now, 0))
         pose = self.robot.pose(self.q)
         law = twist_feedback(pose, self.jog.advance(now, TICK_S, 1.0, pose), ControlSettings())
         jacobian = self.robot.evaluate(self.q + 0.5 * TICK_S * self.velocity).jacobian_b
@@ -190,10 +198,10 @@ def test_a_turn_alone_keeps_the_tool_point_within_a_tenth_of_a_millimetre_over_9
 def test_frames_of_the_model_are_taken_where_they_are() -> None:
     robot = make_robot("panda")
     q = np.array(READY["panda"]) + 0.2
-    fixed = twist_frame(robot, q, "panda_link2")
+    fixed = twist_frame(robot, frames_at(robot, q), "panda_link2")
     assert not fixed.in_tool
     assert np.abs(fixed.rotation - robot.frame_pose(q, "panda_link2")[:3, :3]).max() < 1e-12
-    moving = twist_frame(robot, q, "panda_link8")
+    moving = twist_frame(robot, frames_at(robot, q), "panda_link8")
     assert moving.in_tool
     expected = robot.pose(q)[:3, :3].T @ robot.frame_pose(q, "panda_link8")[:3, :3]
     assert np.abs(moving.rotation - expected).max() < 1e-12

@@ -28,6 +28,7 @@ if rclpy:
     from nav_msgs.msg import Path as PathMessage
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
     from rcl_interfaces.srv import DescribeParameters, SetParameters
+    from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import SetBool, Trigger
     from visualization_msgs.msg import Marker, MarkerArray
@@ -308,6 +309,18 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
     marker.header.frame_id = "panda_link0"
     obstacles.publish(MarkerArray(markers=[marker]))
     peer.until("the next good one", lambda: "refused" not in peer.reason, each=arm)
+
+
+def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None:
+    """Within seconds, by name; and it is over when one of them leaves. Two on joint_states are nobody's business."""
+    arm = holding(peer, tmp_path)
+    other = peer.node.create_publisher(PoseStamped, "/ik_node/target_pose", qos.STREAM)
+    driver = peer.node.create_publisher(JointState, "/joint_states", qos.STREAM)
+    peer.until("the crowd", lambda: "2 publishers on target_pose" in peer.reason, each=arm)
+    assert "joint_states" not in peer.reason
+    peer.node.destroy_publisher(other)
+    peer.until("one publisher", lambda: "publishers" not in peer.reason, each=arm)
+    peer.node.destroy_publisher(driver)
 
 
 def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Path) -> None:

@@ -19,9 +19,11 @@ import pytest
 from loop import Loop
 from recorded_loop import RecordedController, finish, record, recorded_loop
 
+from ik_node import se3
 from ik_node.clock import NS
 from ik_node.controller import Controller
 from ik_node.errors import TargetRefused
+from ik_node.frames import answer_text
 from ik_node.inputs import JointSample
 from ik_node.messages.decode import decode_joint_state
 from ik_node.messages.step_codec import CallKind
@@ -78,6 +80,12 @@ def eventful(loop: Loop) -> None:
     follow(loop, 0.4)
     with pytest.raises(TargetRefused):
         loop.target(np.eye(4), frame_id="nowhere")
+    turned = (0.1, 0.2, 0.3, 0.0, 0.0, np.sin(0.3), np.cos(0.3))
+    controller.on_transform(answer_text("camera", turned[:3], turned[3:]), loop.now)
+    in_camera = se3.inverse(se3.pose_from(turned[:3], turned[3:])) @ loop.pose()
+    loop.target(in_camera, frame_id="camera")
+    controller.on_publishers("2 publishers on target_pose", loop.now)
+    loop.run(0.1)
     for _ in range(15):  # silence
         loop.time_ns += 10_000_000
         loop.take(controller.on_clock(loop.now))

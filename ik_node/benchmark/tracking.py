@@ -1,9 +1,10 @@
 """``ik_benchmark tracking``: how well a moving target is tracked by the node's controller on a simulated arm.
 
-The arm is a Panda. Simulator "ideal" does what it is told; "lagged" answers with a first-order lag of 20 ms after one
-sample of delay, and its encoders have noise. Targets are (a) known as a whole: a trajectory with twists or a timed
-path, or (b) streams: made ones, and real ones where their files are. The error is that of the tool where it truly is
-against the truth at the same time; the first 0.5 s are left out, and so is the time about a step of a stream.
+The arm is a Panda with the settings of config/panda.yaml. Simulator "ideal" does what it is told; "lagged" answers with
+a first-order lag of 20 ms after one sample of delay, and its encoders have noise. Targets are (a) known as a whole: a
+trajectory with twists or a timed path, or (b) streams: made ones, and real ones where their files are. The error is
+that of the tool where it truly is against the truth at the same time; the first 0.5 s are left out, and so is the time
+about a step of a stream.
 
 The rivals are P control through the pseudoinverse, without feed-forward and without acceleration limits: at 10 1/s, at
 its best gain, and "the whole error in one period, clipped" to 1 m/s and 2.5 rad/s at its best part of the error per
@@ -23,18 +24,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node import share
 from ik_node.benchmark import streams, tracking_dds
-from ik_node.benchmark.optimum import arm
 from ik_node.benchmark.streams import CLEAN, STAMPED, Dirt, Stream
 from ik_node.benchmark.tracking_arm import Simulator
 from ik_node.benchmark.tracking_rows import Bench, Demand, Row, known_demands, order_demand, stream_demands
 from ik_node.benchmark.tracking_targets import known, laid_at
+from ik_node.catalogue import robot_from
 from ik_node.errors import IkNodeError
 from ik_node.inverse_kinematics import PoseSolver
 from ik_node.robot import Robot
+from ik_node.ros_parameter_file import read_settings
 from ik_node.se3 import Array
+from ik_node.settings import Settings
 
 READY = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
+STREAMS_AT_M = (0.45, 0.0, 0.4)
+"""Where streams begin that say nothing of it: about the middle of the workspace."""
 NOISE_RAD = 2e-5
 """About what 17 bits a turn leave."""
 KNOWN_RATES_HZ = (250.0, 500.0, 1000.0)
@@ -59,6 +65,12 @@ def simulators(seed: int) -> tuple[Simulator, Simulator]:
     return Simulator("ideal"), Simulator("lagged", 0.02, True, NOISE_RAD, seed)
 
 
+def panda(rate_hz: float) -> tuple[Robot, Settings]:
+    """The arm, and its settings for control at ``rate_hz``."""
+    settings = read_settings(share.config_file("panda.yaml")).with_values({"rate_hz": rate_hz})
+    return robot_from(settings.arm), settings
+
+
 def resting_at(robot: Robot, pose: Array) -> Array:
     """Joint positions (n,) near the ready posture for a tool pose; IkNodeError when there are none."""
     found = PoseSolver(robot).solve(pose, READY)
@@ -69,7 +81,7 @@ def resting_at(robot: Robot, pose: Array) -> Array:
 
 def known_part(options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]]:
     """Targets that are known as a whole, at all rates; the order of the error in the tick at last."""
-    robot = arm("panda")
+    robot, _ = panda(STREAM_RATE_HZ)
     for target in known(robot, robot.pose(READY)):
         if options.name not in target.name:
             continue
@@ -77,7 +89,7 @@ def known_part(options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]
         for rate_hz in KNOWN_RATES_HZ:
             stream = target.stream(rate_hz)
             for simulator in simulators(options.seed):
-                bench = Bench(robot, READY, simulator, stream, streams.sent(stream, PROMPT, 0), rate_hz)
+                bench = Bench(robot, READY, simulator, stream, streams.sent(stream, PROMPT, 0), panda(rate_hz)[1])
                 rows = [bench.node(target.message), *bench.rivals()]
                 if simulator.lag_s:
                     rows.insert(1, bench.tuned_node(target.message))
@@ -112,19 +124,20 @@ def streams_of(part: str, options: Options, start_pose: Array) -> Iterator[tuple
 
 def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]]:
     """Streams as the node gets them."""
-    robot = arm("panda")
-    for whole, dirt in streams_of(part, options, robot.pose(READY)):
+    robot, settings = panda(STREAM_RATE_HZ)
+    start_pose = robot.pose(READY)
+    start_pose[:3, 3] = STREAMS_AT_M
+    for whole, dirt in streams_of(part, options, start_pose):
         if options.name not in whole.name:
             continue
         stream = first_seconds(whole, options.seconds)
-        period_s = float(np.median(np.diff(stream.times_s)))
         samples = streams.sent(stream, dirt, options.seed)
         for simulator in simulators(options.seed):
             start = resting_at(robot, stream.poses[0])
-            bench = Bench(robot, start, simulator, stream, samples, STREAM_RATE_HZ)
+            bench = Bench(robot, start, simulator, stream, samples, settings)
             nodes, rivals = [bench.node(), bench.unlimited_node()], bench.rivals()
             title = f"{stream.name}, {dirt.name}, {simulator.name}"
-            demands = [demand for row in nodes for demand in stream_demands(title, period_s, row, rivals[0])]
+            demands = [demand for row in nodes for demand in stream_demands(title, stream, row, rivals[0])]
             yield title, [*nodes, *rivals], demands
 
 

@@ -34,6 +34,8 @@ LEAST_PART, MOST_PART = 0.02, 1.5
 """Of the error per period, between which the best gain is looked for; 2 is unstable on any arm."""
 NO_LIMIT = 1000.0
 """rad/s2."""
+STILL = 1e-6
+"""An orientation whose matrix changes by less than this has no lag."""
 NODE_GAINS = (10.0, 20.0, 40.0, 80.0, 160.0)
 """1/s, that the node is tried with on an arm that lags."""
 
@@ -95,11 +97,12 @@ class Bench:
         simulator: Simulator,
         stream: Stream,
         samples: Sequence[tuple[Stamped, Array]],
-        rate_hz: float,
+        settings: Settings,
     ) -> None:
-        """``start`` (n,): joint positions at rest at the stream's first pose."""
+        """``start`` (n,): joint positions at rest at the stream's first pose; ``settings``: the node's."""
         self._robot, self._start, self._simulator = robot, start, simulator
-        self._stream, self._samples, self._rate_hz = stream, samples, rate_hz
+        self._stream, self._samples, self._settings = stream, samples, settings
+        self._rate_hz = rate_hz = settings.control.rate_hz
         self._known = yardstick(stream, int(stream.times_s[-1] * rate_hz), 1.0 / rate_hz)
 
     def row(self, name: str, leader: Leader) -> Row:
@@ -115,9 +118,8 @@ class Bench:
         name: str = NODE,
         values: Mapping[str, Any] = MappingProxyType({}),
     ) -> Row:
-        """The node with its defaults, but for ``values`` by full name."""
-        settings = Settings().with_values({"rate_hz": self._rate_hz, **values})
-        leader = Node(self._robot, settings, known)
+        """The node with its settings, but for ``values`` by full name."""
+        leader = Node(self._robot, self._settings.with_values(values), known)
         return self.row(name, leader)._replace(slowed_s=leader.slowed / self._rate_hz)
 
     def tuned_node(self, known: PathSample | TrajectorySample) -> Row:
@@ -191,8 +193,9 @@ def order_demand(of: str, rates_hz: Sequence[float], rows: Sequence[Row]) -> lis
     return demands
 
 
-def stream_demands(of: str, period_s: float, ours: Row, rival: Row) -> list[Demand]:
+def stream_demands(of: str, stream: Stream, ours: Row, rival: Row) -> list[Demand]:
     """Of streams at 20 to 33 Hz; ``rival``: P control at its usual gain."""
+    period_s = float(np.median(np.diff(stream.times_s)))
     judged = verdict((ours.linear, ours.angular), (rival.linear, rival.angular), period_s)
     smoother = rival.joints.acceleration_peak / ours.joints.acceleration_peak
     demands = [
@@ -200,7 +203,7 @@ def stream_demands(of: str, period_s: float, ours: Row, rival: Row) -> list[Dema
         ("position error after lag as part of P's", judged.position_after_lag, 1.0, -np.inf),
         ("peak acceleration per tick below P's, times", smoother, np.inf, 5.0),
     ]
-    if rival.angular.acceleration_peak > 1e-6:  # it turns
+    if np.ptp(stream.poses[:, :3, :3], axis=0).max() > STILL:
         demands += [
             ("rotation lag, ms", ours.angular.lag_ms, 1.5e3 * period_s, -np.inf),
             ("orientation error after lag as part of P's", judged.rotation_after_lag, 1.0, -np.inf),

@@ -74,6 +74,8 @@ class CallKind(IntEnum):
     ON_TARGET_PATH = 10
     ON_TARGET_TRAJECTORY = 11
     ON_TARGET_TWIST = 12
+    ON_PUBLISHERS = 13
+    ON_TRANSFORM = 14
 
 
 class Call(NamedTuple):

@@ -65,6 +65,8 @@ INPUTS: Mapping[CallKind, Input] = {
 
 TEXT_CALLS: Mapping[CallKind, Callable[[Controller, str, Instant], Step | None]] = {
     CallKind.ON_LISTENERS: lambda controller, count, now: controller.on_listeners(int(count), now),
+    CallKind.ON_PUBLISHERS: Controller.on_publishers,
+    CallKind.ON_TRANSFORM: Controller.on_transform,
     CallKind.PAUSE: lambda controller, reason, now: controller.pause(now, reason),
 }
 """Calls that take a text."""

@@ -15,15 +15,19 @@ from ik_node.catalogue import robot_from
 from ik_node.clock import Instant
 from ik_node.controller import Controller
 from ik_node.errors import IkNodeError, InputError, RecordingError
+from ik_node.inputs import frames_of
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.calls import INPUTS, Input
 from ik_node.ros import parameters, qos
 from ik_node.ros.message_class import message_class
 from ik_node.ros.publishing import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
+from ik_node.ros.transforms import Transforms
 from ik_node.settings import Settings
 from ik_node.step import Step
 
+TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
+"""Where one publisher is enough."""
 WATCHDOG_S = 0.01
 """How often the controller is asked whether something is missing."""
 MARKERS_S = 0.1
@@ -45,6 +49,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._recorder = NodeRecorder(self)
         self._active = False
         self._listeners = 1
+        self._crowd = ""
+        self._transforms = Transforms(self)
         self._inputs: list[Any] = []
         self._publisher = StepPublisher(self)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
@@ -173,12 +179,26 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         except InputError as error:
             self.get_logger().warning(f"{entry.name} dropped: {error}", throttle_duration_sec=1.0)
             return
+        self._ask_for_frames(sample, now)
         step = None
         try:
             step = entry.make(self._controller, sample, now)
         except IkNodeError as error:
             self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
         self._send(step, kind, now, entry.name, data)
+
+    def _ask_for_frames(self, sample: object, now: Instant) -> None:
+        """Tells the controller what tf knows of the frames of a sample that the robot's model does not have."""
+        controller = self._controller
+        unknown = [frame for frame in frames_of(sample) if controller and frame not in controller.robot.frames]
+        if controller is None or not unknown:
+            return
+        for answer in self._transforms.answers(controller.robot.base_frame, unknown):
+            try:
+                controller.on_transform(answer, now)
+            except IkNodeError as error:
+                self.get_logger().warning(f"transform refused: {error}", throttle_duration_sec=1.0)
+            self._recorder.called(CallKind.ON_TRANSFORM, now, text=answer)
 
     def _on_description(self, message: String) -> None:
         self._described = message.data
@@ -196,8 +216,18 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def _on_second(self) -> None:
         if self._controller is not None:
             now = self._now()
+            self._count_publishers(self._controller, now)
             status, values = self._recorder.remark(self._controller.status), self._recorder.values()
             self._recorder.said(self._publisher.diagnostics(status, now, values), now)
+
+    def _count_publishers(self, controller: Controller, now: Instant) -> None:
+        """Two who say where the tool should go cannot both be followed; drivers may share the topic of joint states."""
+        counts = {topic: self.count_publishers(self.resolve_topic_name(topic)) for topic in TARGET_TOPICS}
+        crowd = ", ".join(f"{count} publishers on {topic[2:]}" for topic, count in counts.items() if count > 1)
+        if crowd != self._crowd:
+            self._crowd = crowd
+            controller.on_publishers(crowd, now)
+            self._recorder.called(CallKind.ON_PUBLISHERS, now, text=crowd)
 
     def _on_markers(self) -> None:
         if self._controller is not None:

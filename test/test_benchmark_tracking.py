@@ -14,12 +14,12 @@ from support import PROJECT
 
 from ik_node.benchmark import streams, tracking
 from ik_node.benchmark.stream_rivals import Proportional
-from ik_node.benchmark.streams import CLEAN, STAMPED, figures, follow, sent
-from ik_node.benchmark.tracking import PROMPT, READY, first_seconds, panda, resting_at, simulators
+from ik_node.benchmark.streams import CLEAN, STAMPED, figures, first_seconds, follow, sent
+from ik_node.benchmark.tracking import PROMPT, resting_at, simulators
 from ik_node.benchmark.tracking_arm import ArmFollower, Rival
 from ik_node.benchmark.tracking_dds import measured
 from ik_node.benchmark.tracking_rows import Bench, Demand, known_demands, order_demand, stream_demands
-from ik_node.benchmark.tracking_targets import Known, known, laid_at
+from ik_node.benchmark.tracking_targets import READY, Known, known, laid_at, panda
 from ik_node.recording.reader import load_run
 from ik_node.report import truth_from_targets
 

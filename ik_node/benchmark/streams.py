@@ -298,6 +298,12 @@ def decimated(name: str, recording: SampledTrajectory, rate_hz: float) -> Stream
     return Stream(f"{name} {rate_hz:g} Hz", times[::step], poses[::step], recording)
 
 
+def first_seconds(stream: Stream, seconds: float) -> Stream:
+    """Its begin; all of it where ``seconds`` is 0."""
+    count = int(np.searchsorted(stream.times_s, seconds, side="right")) if seconds else len(stream.times_s)
+    return stream._replace(times_s=stream.times_s[:count], poses=stream.poses[:count])
+
+
 RECORDINGS = (
     ("camera", "hand_held_camera/freiburg1_xyz-groundtruth.txt", PoseFileFormat(relative=True, scale=0.45)),
     ("letter h", "handwriting/h.npy", PoseFileFormat(units="cm", duration_s=10.0)),

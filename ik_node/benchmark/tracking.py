@@ -22,25 +22,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from ik_node import share
 from ik_node.benchmark import streams, tracking_dds
 from ik_node.benchmark.streams import CLEAN, STAMPED, Dirt, Stream
 from ik_node.benchmark.tracking_arm import Simulator
 from ik_node.benchmark.tracking_rows import Bench, Demand, Row, known_demands, order_demand, stream_demands
-from ik_node.benchmark.tracking_targets import known, laid_at
-from ik_node.catalogue import robot_from
+from ik_node.benchmark.tracking_targets import READY, known, laid_at, panda, start_of_streams
 from ik_node.errors import IkNodeError
 from ik_node.inverse_kinematics import PoseSolver
 from ik_node.robot import Robot
-from ik_node.ros_parameter_file import read_settings
 from ik_node.se3 import Array
-from ik_node.settings import Settings
 
-READY = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
-STREAMS_AT_M = (0.45, 0.0, 0.4)
-"""Where streams begin that say nothing of it: about the middle of the workspace."""
 NOISE_RAD = 2e-5
 """About what 17 bits a turn leave."""
 KNOWN_RATES_HZ = (250.0, 500.0, 1000.0)
@@ -63,12 +54,6 @@ class Options(NamedTuple):
 def simulators(seed: int) -> tuple[Simulator, Simulator]:
     """The ideal and the lagged one."""
     return Simulator("ideal"), Simulator("lagged", 0.02, True, NOISE_RAD, seed)
-
-
-def panda(rate_hz: float) -> tuple[Robot, Settings]:
-    """The arm, and its settings for control at ``rate_hz``."""
-    settings = read_settings(share.config_file("panda.yaml")).with_values({"rate_hz": rate_hz})
-    return robot_from(settings.arm), settings
 
 
 def resting_at(robot: Robot, pose: Array) -> Array:
@@ -125,12 +110,10 @@ def streams_of(part: str, options: Options, start_pose: Array) -> Iterator[tuple
 def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]]:
     """Streams as the node gets them."""
     robot, settings = panda(STREAM_RATE_HZ)
-    start_pose = robot.pose(READY)
-    start_pose[:3, 3] = STREAMS_AT_M
-    for whole, dirt in streams_of(part, options, start_pose):
+    for whole, dirt in streams_of(part, options, start_of_streams(robot)):
         if options.name not in whole.name:
             continue
-        stream = first_seconds(whole, options.seconds)
+        stream = streams.first_seconds(whole, options.seconds)
         samples = streams.sent(stream, dirt, options.seed)
         for simulator in simulators(options.seed):
             start = resting_at(robot, stream.poses[0])
@@ -141,12 +124,6 @@ def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], l
             yield title, [*nodes, *rivals], demands
 
 
-def first_seconds(stream: Stream, seconds: float) -> Stream:
-    """Its begin; all of it where ``seconds`` is 0."""
-    count = int(np.searchsorted(stream.times_s, seconds, side="right")) if seconds else len(stream.times_s)
-    return stream._replace(times_s=stream.times_s[:count], poses=stream.poses[:count])
-
-
 def parser() -> argparse.ArgumentParser:
     """The command line of this part."""
     result = argparse.ArgumentParser(
@@ -155,7 +132,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of real recordings")
     result.add_argument("--only", choices=PARTS, help="one part instead of all")
     result.add_argument("--name", default="", help="targets whose name holds this")
-    result.add_argument("--seconds", type=float, default=60.0, help="of each stream; 0: all of it [%(default)s]")
+    result.add_argument("--seconds", type=float, default=0.0, help="of each stream; 0: all of it [%(default)s]")
     result.add_argument("--seed", type=int, default=0, help="of noise and of what happens to samples [%(default)s]")
     result.add_argument("--dds", action="store_true", help="the streams over DDS too, to the node as ik_demo runs it")
     result.add_argument("--json", action="store_true", help="one object per line instead of the tables")

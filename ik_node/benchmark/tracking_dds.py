@@ -17,6 +17,7 @@ from ik_node import se3
 from ik_node.benchmark import streams
 from ik_node.benchmark.streams import TICK_S, Stream, Track, Yardstick, counted, figures, smoothness
 from ik_node.benchmark.tracking_rows import NODE, Demand, Row
+from ik_node.benchmark.tracking_targets import READY, panda, start_of_streams
 from ik_node.clock import NS
 from ik_node.errors import IkNodeError
 from ik_node.recording.reader import load_run
@@ -48,7 +49,7 @@ def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[Row]
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch, "wander.csv")
         write_wander(made)
-        for sent in (Sent(MADE, made, PoseFileFormat(relative=True), RATE_HZ), *_real(data)):
+        for sent in (Sent(MADE, made, _placed(PoseFileFormat(relative=True)), RATE_HZ), *_real(data)):
             if name in sent.name:
                 title = f"{sent.name}, over DDS"
                 row, period_s = tracked(sent, Path(scratch, sent.name.replace(" ", "_")), seconds)
@@ -62,7 +63,14 @@ def _real(data: Path) -> Iterator[Sent]:
         yield Sent("task board", file, streams.task_board_format(data), None)
     for name, place, how in streams.RECORDINGS[:4]:
         if name not in missing:
-            yield Sent(name, data / place, how, RATE_HZ)
+            yield Sent(name, data / place, _placed(how), RATE_HZ)
+
+
+def _placed(how: PoseFileFormat) -> PoseFileFormat:
+    """Relative motions begin where those of the other parts do; ik_demo leads the arm there."""
+    robot, _ = panda(1.0 / TICK_S)
+    x, y, z = (start_of_streams(robot)[:3, 3] - robot.pose(READY)[:3, 3]).tolist()
+    return dataclasses.replace(how, offset=(x, y, z)) if how.relative else how
 
 
 def write_wander(path: Path) -> None:
@@ -99,7 +107,8 @@ def _arguments(how: PoseFileFormat) -> list[str]:
         value = getattr(how, field.name)
         if value != field.default:
             given += ["--" + field.name.removesuffix("_s").replace("_", "-")]
-            given += [] if value is True else [str(value)]
+            values = value if isinstance(value, tuple) else (value,)
+            given += [] if value is True else [str(entry) for entry in values]
     return given
 
 

@@ -15,6 +15,7 @@ from ik_node.benchmark.streams import (
     Smoothness,
     Stream,
     figures,
+    first_seconds,
     follow,
     smoothness,
     verdict,
@@ -36,6 +37,7 @@ NO_LIMIT = 1000.0
 """rad/s2."""
 STILL = 1e-6
 """An orientation whose matrix changes by less than this has no lag."""
+SEARCHED_S = 15.0
 NODE_GAINS = (10.0, 20.0, 40.0, 80.0, 160.0)
 """1/s, that the node is tried with on an arm that lags."""
 
@@ -124,11 +126,12 @@ class Bench:
 
     def tuned_node(self, known: PathSample | TrajectorySample) -> Row:
         """The node at its best gain."""
-        tried = []
+        tried = {}
         for gain in NODE_GAINS:
             values = {"gain_linear": gain, "gain_angular": gain}
-            tried.append((gain, self.node(known, f"{NODE}, gain {gain:g} 1/s", values)))
-        return _best(tried)
+            tried[gain] = self.node(known, f"{NODE}, gain {gain:g} 1/s", values)
+        search = tuple((gain, score(row)) for gain, row in tried.items())
+        return min(tried.values(), key=score)._replace(search=search)
 
     def unlimited_node(self) -> Row:
         """The node without acceleration limits to speak of, as the rivals are."""
@@ -145,22 +148,32 @@ class Bench:
         ]
 
     def _search(self, name: str, unit: float, make: Callable[[float], Proportional]) -> Row:
-        """The best gain, written in ``unit`` per part of the error per period: by factors of 2, then of 2^(1/4)."""
+        """The best gain, written in ``unit`` per part of the error per period: by factors of 2, then of 2^(1/4).
+
+        It is looked for on the first SEARCHED_S of the target.
+        """
+        short = self._shortened()
+
+        def run(bench: Bench, part: float) -> Row:
+            return bench.row(name.format(part * unit), Rival(self._robot, make(part * unit)))
 
         def tried(part: float) -> tuple[float, Row]:
-            gain = part * unit
-            return part, self.row(name.format(gain), Rival(self._robot, make(gain)))
+            return part, run(short, part)
 
         steps = int(np.log2(MOST_PART / LEAST_PART)) + 1
         coarse = [tried(LEAST_PART * 2.0**step) for step in range(steps)] + [tried(1.0)]
         best = min(coarse, key=lambda pair: score(pair[1]))[0]
         fine = [tried(min(best * 2.0 ** (step / 4.0), MOST_PART)) for step in (-3, -2, -1, 1, 2, 3)]
-        return _best([(part * unit, row) for part, row in sorted(coarse + fine, key=lambda pair: pair[0])])
+        found = dict(sorted(coarse + fine, key=lambda pair: pair[0]))
+        best = min(found, key=lambda part: score(found[part]))
+        search = tuple((part * unit, score(row)) for part, row in found.items())
+        return (found[best] if short is self else run(self, best))._replace(search=search)
 
-
-def _best(tried: Sequence[tuple[float, Row]]) -> Row:
-    best = min((row for _, row in tried), key=score)
-    return best._replace(search=tuple((gain, score(row)) for gain, row in tried))
+    def _shortened(self) -> Bench:
+        if self._stream.times_s[-1] <= SEARCHED_S:
+            return self
+        stream = first_seconds(self._stream, SEARCHED_S)
+        return Bench(self._robot, self._start, self._simulator, stream, self._samples, self._settings)
 
 
 def known_demands(of: str, simulator: Simulator, rate_hz: float, rows: Sequence[Row]) -> list[Demand]:

@@ -1,6 +1,7 @@
-"""Targets that are known as a whole: circle, figure of eight, a path through waypoints. And our own streams on an arm.
+"""What `ik_benchmark tracking` tracks, and with which arm.
 
-For the node each is one message; its rivals are told the pose of this very moment at every tick.
+Circle, figure of eight and a path through waypoints are known as a whole: for the node each is one message; its rivals
+are told the pose of this very moment at every tick. Streams of our own are laid where the arm reaches them.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import se3
+from ik_node import se3, share
 from ik_node.benchmark.streams import Stream
+from ik_node.catalogue import robot_from
 from ik_node.clock import NS
 from ik_node.inputs import PathSample, TrajectorySample
 from ik_node.robot import Robot
+from ik_node.ros_parameter_file import read_settings
 from ik_node.se3 import Array
+from ik_node.settings import Settings
 from ik_node.trajectory import shapes
 from ik_node.trajectory.knot_rates import through_poses
 from ik_node.trajectory.motion import Trajectory
@@ -28,6 +32,25 @@ DIFFERENCE_S = 2e-3
 """Step of the finite differences that give twists; of fourth order, so that it may be large."""
 DIAMETER_M, SPEED_M_S = 0.24, 0.15
 """Of the circle."""
+
+
+READY = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
+"""The arm's usual posture, rad."""
+STREAMS_AT_M = (0.45, 0.0, 0.4)
+"""Where streams begin that say nothing of it: about the middle of the workspace."""
+
+
+def panda(rate_hz: float) -> tuple[Robot, Settings]:
+    """The arm, and its settings for control at ``rate_hz``."""
+    settings = read_settings(share.config_file("panda.yaml")).with_values({"rate_hz": rate_hz})
+    return robot_from(settings.arm), settings
+
+
+def start_of_streams(robot: Robot) -> Array:
+    """Where streams begin that say nothing of it, (4, 4)."""
+    pose = robot.pose(READY)
+    pose[:3, 3] = STREAMS_AT_M
+    return pose
 
 
 class Known(NamedTuple):

@@ -114,6 +114,8 @@ class Node:
         self._known = known
         self.slowed = 0
         """Ticks at which limits or a singularity took a part of the twist."""
+        self.stopped = 0
+        """Ticks at which no control law was at work."""
 
     def start(self, q: Array, pose_sb: Array, now: Instant) -> None:
         """One joint state closes the loop; a target that is known as a whole is sent before it begins."""
@@ -140,8 +142,10 @@ class Node:
         """Of the Step."""
         step = self._controller.on_joint_state(JointSample(now.ros_ns, self._robot.joints, q), now)
         if step is None:
+            self.stopped += 1
             return np.zeros(self._robot.n)
         self.slowed += step.scale < 1.0
+        self.stopped += bool(np.isnan(step.scale))
         return step.joint_velocity
 
 

@@ -26,6 +26,7 @@ from ik_node.report import FILE_NAME
 from ik_node.report.tracking import measured_poses
 from ik_node.report.truth import Poses, Truth, read_truth
 from ik_node.se3 import Array
+from ik_node.step import Mode
 from ik_node.trajectory.pose_file import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
 
@@ -132,8 +133,20 @@ def measured(run: Run, truth: Truth) -> tuple[Row, float]:
     velocity = [np.interp(even, run.times_s[commanded], joint[commanded]) for joint in run.joint_velocity.T]
     longest_ms = 1e3 * float(np.diff(run.times_s[commanded]).max())
     name = f"{NODE}, ticks to {longest_ms:.0f} ms"
-    row = Row(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S))
+    begin_s = float(run.times_s[np.searchsorted(run.ros_ns, begin_ns)])
+    slowed_s = TICK_S * float(np.count_nonzero(run.scale[commanded] < 1.0))
+    stopped_s = _stopped_s(run, begin_s, begin_s + duration_s)
+    row = Row(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S), (), slowed_s, stopped_s)
     return row, float(np.median(np.diff(times_s)))
+
+
+def _stopped_s(run: Run, begin_s: float, end_s: float) -> float:
+    """Time between these moments in which no control law was at work."""
+    times = [min(max(change.time_s, begin_s), end_s) for change in run.statuses]
+    ends = [*times[1:], end_s]
+    at_work = (Mode.TRACKING, Mode.HOLDING)
+    modes = [change.status.mode for change in run.statuses]
+    return sum(end - time for time, end, mode in zip(times, ends, modes, strict=True) if mode not in at_work)
 
 
 def _matrices(poses: Poses) -> Array:

@@ -53,6 +53,8 @@ class Row(NamedTuple):
     """Gains tried, with the score of each; see :func:`score`."""
     slowed_s: float = 0.0
     """Time in which limits or a singularity took a part of the twist."""
+    stopped_s: float = 0.0
+    """Time in which no control law was at work: the arm was taken for one that does not follow."""
 
     def line(self) -> str:
         """For the table."""
@@ -60,6 +62,7 @@ class Row(NamedTuple):
             f"{f.rms:9.3g}{f.max:9.3g}{f.lag_ms:5.0f}{f.after_lag:9.3g}" for f in (self.linear, self.angular)
         )
         slowed = f" | s < 1 for {self.slowed_s:.2f} s" if self.slowed_s else ""
+        slowed += f" | STOPPED for {self.stopped_s:.2f} s" if self.stopped_s else ""
         return f"{self.name:<26}{errors} | " + "".join(f"{value:9.3g}" for value in self.joints) + slowed
 
 
@@ -122,7 +125,8 @@ class Bench:
     ) -> Row:
         """The node with its settings, but for ``values`` by full name."""
         leader = Node(self._robot, self._settings.with_values(values), known)
-        return self.row(name, leader)._replace(slowed_s=leader.slowed / self._rate_hz)
+        row = self.row(name, leader)
+        return row._replace(slowed_s=leader.slowed / self._rate_hz, stopped_s=leader.stopped / self._rate_hz)
 
     def tuned_node(self, known: PathSample | TrajectorySample) -> Row:
         """The node at its best gain."""

@@ -7,6 +7,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 
 PARTS = {
@@ -21,6 +22,7 @@ PARTS = {
 """Name -> module with a ``main(arguments) -> int``, and what it measures."""
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Hands the rest of the command line to the part of that name; 2 when it cannot be understood."""
     listing = "\n".join(f"  {name:<12}{summary}" for name, (_, summary) in PARTS.items())

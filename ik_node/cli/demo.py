@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 
 from ik_node import share
+from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from
 from ik_node.errors import IkNodeError
 from ik_node.settings import METHODS
@@ -34,6 +35,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the demonstration; 0 when it went to its end, 130 after Ctrl-C, 1 when it could not run."""
     options = parser().parse_args(arguments)

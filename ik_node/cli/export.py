@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
 from ik_node.recording.export import write_csv, write_json
 from ik_node.recording.reader import load_run
@@ -23,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes; 0, or 2 when something cannot be read or written."""
     options = parser().parse_args(arguments)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ik_node.cli.entry import command_line
 from ik_node.clock import NS
 from ik_node.errors import IkNodeError
 from ik_node.recording.bag_metadata import METADATA_FILE
@@ -47,6 +48,7 @@ def as_text(done: Repair) -> str:
     return "\n".join(lines)
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Repairs, in place."""
     options = parser().parse_args(arguments)

@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from ik_node import share
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.recording.events import RecordedCalls
 from ik_node.replay import text
@@ -74,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replays and says what came of it."""
     options = parser().parse_args(arguments)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 from ik_node.recording.reader import load_run
 from ik_node.report import FILE_NAME, Truth, as_json, as_text, figures, read_truth, truth_from_targets
@@ -24,6 +25,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the report; 0, or 1 when the recording cannot be read."""
     options = parser().parse_args(arguments)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ik_node import catalogue, se3
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
 from ik_node.inverse_kinematics import PoseSolver
 from ik_node.iteration_figure import draw_plateau, draw_pose_iterations
@@ -68,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Solves and prints; the exit code says whether it converged."""
     given = sys.argv[1:] if arguments is None else arguments

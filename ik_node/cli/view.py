@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 from ik_node.recording.reader import load_run
 from ik_node.view.nearby import read_obstacles
@@ -36,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
     return result
 
 
+@command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serves the page until Ctrl-C or SIGTERM, then 0; 1 when there is nothing to show."""
     options = parser().parse_args(arguments)

@@ -46,7 +46,7 @@ def test_a_killed_or_hanging_node_leaves_zeros(peer: Peer, tmp_path: Path, numbe
     os.kill(peer.processes[1].pid, number)
     stopped_at = time.monotonic()
     peer.until("zeros", lambda: not peer.commands[-1].any(), 3.0, arm)
-    assert time.monotonic() - stopped_at < 1.0
+    assert time.monotonic() - stopped_at < 2.0
     count = len(peer.commands)
     peer.spin(0.5, arm)
     assert len(peer.commands) - count <= 6, "it does not go on talking"

@@ -118,10 +118,9 @@ def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], l
         for simulator in simulators(options.seed):
             start = resting_at(robot, stream.poses[0])
             bench = Bench(robot, start, simulator, stream, samples, settings)
-            nodes, rivals = [bench.node(), bench.unlimited_node()], bench.rivals()
+            node, rivals = bench.node(), bench.rivals()
             title = f"{stream.name}, {dirt.name}, {simulator.name}"
-            demands = [demand for row in nodes for demand in stream_demands(title, stream, row, rivals[0])]
-            yield title, [*nodes, *rivals], demands
+            yield title, [node, bench.unlimited_node(), *rivals], stream_demands(title, stream, node, rivals[0])
 
 
 def parser() -> argparse.ArgumentParser:

@@ -33,8 +33,8 @@ LENGTH_M = 0.3
 NODE, SLOW_P = "ik_node", f"P, {GAIN:g} 1/s"
 LEAST_PART, MOST_PART = 0.02, 1.5
 """Of the error per period, between which the best gain is looked for; 2 is unstable on any arm."""
-NO_LIMIT = 1000.0
-"""rad/s2."""
+NO_LIMIT = 100.0
+"""rad/s2: no arm can do it."""
 STILL = 1e-6
 """An orientation whose matrix changes by less than this has no lag."""
 SEARCHED_S = 15.0

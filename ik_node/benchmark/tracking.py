@@ -131,7 +131,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of real recordings")
     result.add_argument("--only", choices=PARTS, help="one part instead of all")
     result.add_argument("--name", default="", help="targets whose name holds this")
-    result.add_argument("--seconds", type=float, default=0.0, help="of each stream; 0: all of it [%(default)s]")
+    result.add_argument("--seconds", type=float, default=120.0, help="of each stream; 0: all of it [%(default)s]")
     result.add_argument("--seed", type=int, default=0, help="of noise and of what happens to samples [%(default)s]")
     result.add_argument("--dds", action="store_true", help="the streams over DDS too, to the node as ik_demo runs it")
     result.add_argument("--json", action="store_true", help="one object per line instead of the tables")

@@ -140,7 +140,11 @@ class ControlSettings(Group):
         0.02, "k of the methods with a gradient; more moves the null space faster, and at last unstably.", "s", 0.0, 1.0
     )
     null_space_speed: float = setting(
-        0.3, "No joint moves faster than this for the gradient's sake.", "rad/s or m/s", 1e-3, 10.0
+        0.3,
+        "No joint moves faster than this for the gradient's sake; `obstacle_gradient`: obstacles.evasion_speed.",
+        "rad/s or m/s",
+        1e-3,
+        10.0,
     )
     jacobian: str = setting("body", "Frame in which the problem is written.", choices=("body", "space"))
     control_law: str = setting(
@@ -255,10 +259,10 @@ class ObstacleSettings(Group):
     self_range: float = setting(0.05, "Links of the arm nearer than this push the null space.", "m", 0.001, 2.0)
     strength: float = setting(1000.0, "Push of a pair in contact.", "N", 0.0, 1e5)
     look_ahead_s: float = setting(
-        1.0, "The null space is pushed away also from what the arm is going to meet in this time.", "s", 0.0, 5.0
+        0.5, "The null space is pushed away also from what the arm is going to meet in this time.", "s", 0.0, 5.0
     )
-    dexterity: float = setting(
-        30_000.0, "Push of `obstacle_gradient` away from stretched, singular positions; 0: none.", "N", 0.0, 1e6
+    evasion_speed: float = setting(
+        1.0, "No joint moves faster than this in the null space to keep clear of obstacles.", "rad/s or m/s", 1e-3, 10.0
     )
     damper: bool = setting(True, "Keep the speed of approach to obstacles and to itself low enough to stop.")
     damper_range: float = setting(0.5, "Dampers look no further than this.", "m", 0.001, 5.0)

@@ -102,10 +102,10 @@ class TickSolver:
         self._control = settings.control
         self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
-        dodges = settings.control.method == "obstacle_gradient" and self._robot.n > 6
-        self._dexterity = settings.obstacles.dexterity if dodges else 0.0
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
-        self._null_space_cap = np.full(self._robot.n, settings.control.null_space_speed)
+        dodges = settings.control.method == "obstacle_gradient"
+        speed = settings.obstacles.evasion_speed if dodges else settings.control.null_space_speed
+        self._null_space_cap = np.full(self._robot.n, speed)
 
     def memory(self) -> TickMemory:
         """For :meth:`recall`."""
@@ -269,10 +269,6 @@ class TickSolver:
         away from the singularity.
         """
         repulsion = None if seen is None else seen.potential.gradient
-        if self._dexterity > 0.0:
-            ahead = moment.q + dexterity.LOOK_AHEAD_S * moment.previous
-            stretch = dexterity.dexterity(self._robot_jacobian, ahead, self._row_scale, self._dexterity).gradient
-            repulsion = stretch if repulsion is None else repulsion + stretch
         weight, gradient = self._method(self._robot, moment.q_middle, repulsion)
         secondary = self.lookout.secondary_gradient(moment.q)
         if secondary is not None:

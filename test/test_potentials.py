@@ -126,7 +126,7 @@ def central(values: list[float]) -> Array:
 
 
 def test_the_push_also_comes_from_what_lies_ahead() -> None:
-    """Out of range now, met in a second at the present velocity: pushed already, by the gradient at that place."""
+    """Out of range now, met in a moment at the present velocity: pushed already, by the gradient at that place."""
     robot = ball_arm()
     clearance, q, qd = Clearance(collision.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6]), np.zeros(6)
     qd[0] = 0.5
@@ -137,7 +137,7 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
     settings = ObstacleSettings(self_range=0.001)
     assert not look_around(clearance, scene, q, still, still, settings, 0.01, 0).potential.gradient.any()
     ahead = look_around(clearance, scene, q, qd, still, settings, 0.01, 0).potential
-    same = look_around(clearance, scene, q + qd, still, still, settings, 0.01, 0).potential
+    same = look_around(clearance, scene, q + SETTINGS.look_ahead_s * qd, still, still, settings, 0.01, 0).potential
     assert ahead.gradient == pytest.approx(same.gradient, abs=1e-9)
     assert ahead.value == pytest.approx(same.value)
     assert ahead.gradient.any()

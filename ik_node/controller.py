@@ -32,6 +32,7 @@ from ik_node.frames import Frames, FramesMemory
 from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
+from ik_node.late_arm import LateArm, LateArmMemory
 from ik_node.limits import motion_limits
 from ik_node.memory import recall, remembered
 from ik_node.robot import Robot
@@ -81,6 +82,7 @@ class Controller:
         self._last_tick_ns = 0
         self._commanded_ns = 0
         self._follow = FollowMonitor(robot, settings.follow)
+        self._late = LateArm(robot.n, settings.control)
         self._retry_ns = 0
         self._listeners = 1
         self._pace = 1.0
@@ -209,6 +211,7 @@ class Controller:
         self._states.configure(settings.state)
         self._targets.configure(settings)
         self._follow.configure(settings.follow)
+        self._late.configure(settings.control)
 
     @property
     def geometry(self) -> str:
@@ -239,6 +242,7 @@ class Controller:
             remembered(self._frames, FramesMemory),
             self._targets.state(),
             self._follow.memory(),
+            remembered(self._late, LateArmMemory),
             self._solver.memory(),
             self._solver.lookout.scene,
         )
@@ -255,6 +259,7 @@ class Controller:
         recall(self._frames, state.frames)
         self._targets.restore(state.targets)
         self._follow.recall(state.follow)
+        recall(self._late, state.late)
         self._solver.recall(state.solver)
         self._solver.lookout.scene = state.scene
 
@@ -292,6 +297,7 @@ class Controller:
             if now.monotonic_ns < self._retry_ns:
                 return False
             self._follow.forget()
+            self._late.begin(state.time_ns)
             self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
             self._ik.solution = None
             self._integral.reset()
@@ -322,13 +328,19 @@ class Controller:
         pose_sb = self.robot.pose(state.position)
         motion = self._targets.advance(state.time_ns, self._interval_s, self._pace, pose_sb)
         law = twist_feedback(pose_sb, motion, control)
+        position = state.position
+        if self._late.lateness_s > 0.0:
+            # Where the arm is going to be by what it has been told, towards the target of that time.
+            position = position + self._late.lead(state.time_ns)
+            later = self._late.target(motion, self._interval_s)
+            law = twist_feedback(self.robot.pose(position), later, control)._replace(error_b=law.error_b)
         # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
         ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
         elapsed_s = (now.monotonic_ns - self._commanded_ns) / NS
-        middle = state.position + ahead_s * self._velocity
-        moment = Moment(state.position, middle, self._velocity, elapsed_s, now.monotonic_ns)
+        middle = position + ahead_s * self._velocity
+        moment = Moment(position, middle, self._velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
-            wanted = self._ik.velocity(state.position, motion, self._interval_s, control.ik_difference_gain)
+            wanted = self._ik.velocity(position, motion, self._interval_s, control.ik_difference_gain)
             outcome = self._solver.follow_velocity(moment, wanted)
         else:
             self._ik.solution = None
@@ -337,6 +349,7 @@ class Controller:
             law = law._replace(twist_b=twist_b)
             outcome = self._solver.follow_twist(moment, twist_b)
         self._velocity, self._commanded_ns, self._pace = outcome.joint_velocity, now.monotonic_ns, outcome.scale
+        self._late.command(self._velocity, now.monotonic_ns)
         self._say_what_happens(now, outcome, elapsed_s)
         self._tick += 1
         return Step(
@@ -423,6 +436,7 @@ class Controller:
     def _bare_step(self, now: Instant, velocity: Array) -> Step:
         """A step that commands ``velocity`` without a control law: what it did not compute is NaN."""
         self._velocity, self._commanded_ns = velocity, now.monotonic_ns
+        self._late.command(velocity, now.monotonic_ns)
         self._last_tick_ns = now.monotonic_ns
         self._tick += 1
         state = self._state

@@ -12,6 +12,7 @@ from ik_node.following import FollowMemory
 from ik_node.frames import FramesMemory
 from ik_node.integral import IntegralMemory
 from ik_node.joint_states import JointState, MergerMemory
+from ik_node.late_arm import LateArmMemory
 from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.status import StatusMemory
@@ -51,5 +52,6 @@ class ControllerState(NamedTuple):
     frames: FramesMemory
     targets: TargetsState
     follow: FollowMemory
+    late: LateArmMemory
     solver: TickMemory
     scene: Scene

@@ -27,6 +27,10 @@ class Moment(NamedTuple):
     """Measured, (n,), rad (m)."""
     told: Array
     """The sum of all commands up to now, (n,), rad (m): where it would be if it had followed, but for a constant."""
+    agreed: float
+    """The sum of told' went over the steps from measurement to measurement, rad2 (m2)."""
+    asked: float
+    """The sum of told' told over the same steps."""
 
 
 class FollowMemory(NamedTuple):
@@ -38,10 +42,12 @@ class FollowMemory(NamedTuple):
     """(k, n)."""
     told: Array
     """(k, n)."""
+    sums: Array
+    """(k, 2): agreed and asked."""
 
 
 class FollowMonitor:
-    """Compares how far the joints were told to go with how far they went, over a short and a long window."""
+    """Compares how the joints were told to go with how they went, over a short and a long window."""
 
     def __init__(self, robot: Robot, settings: FollowSettings) -> None:
         self._robot = robot
@@ -60,12 +66,13 @@ class FollowMonitor:
             np.array([row.time_ns for row in rows], dtype=np.int64),
             np.concatenate([nothing, *(row.position for row in rows)]).reshape(-1, self._robot.n),
             np.concatenate([nothing, *(row.told for row in rows)]).reshape(-1, self._robot.n),
+            np.array([(row.agreed, row.asked) for row in rows]).reshape(-1, 2),
         )
 
     def recall(self, memory: FollowMemory) -> None:
         """Goes on, bit for bit, from ``memory``."""
         rows = zip(memory.times_ns.tolist(), memory.positions.copy(), memory.told.copy(), strict=True)
-        self._moments = deque(Moment(*row) for row in rows)
+        self._moments = deque(Moment(*row, *sums) for row, sums in zip(rows, memory.sums.tolist(), strict=True))
 
     def forget(self) -> None:
         """The arm begins anew: what was told before does not count."""
@@ -77,11 +84,13 @@ class FollowMonitor:
         Returns why the robot does not follow; empty while it does, or while too little was asked of it to tell.
         """
         if not self._moments:
-            self._moments.append(Moment(time_ns, position, np.zeros(len(position))))
+            self._moments.append(Moment(time_ns, position, np.zeros(len(position)), 0.0, 0.0))
             return ""
         last = self._moments[-1]
-        told = last.told + command * ((time_ns - last.time_ns) / NS)
-        now = Moment(time_ns, position, told)
+        step = command * ((time_ns - last.time_ns) / NS)
+        went = self._robot.difference(last.position, position)
+        agreed, asked = last.agreed + float(step @ went), last.asked + float(step @ step)
+        now = Moment(time_ns, position, last.told + step, agreed, asked)
         self._moments.append(now)
         while len(self._moments) > 2 and self._moments[1].time_ns <= time_ns - LONG_WINDOWS * self._window_ns:
             self._moments.popleft()
@@ -97,8 +106,8 @@ class FollowMonitor:
         told = end.told - begin.told
         if np.abs(told).max() < self._settings.least_motion:
             return ""
-        went = self._robot.difference(begin.position, end.position)
-        part = float(told @ went) / float(told @ told)
+        # Step by step: an arm that is late by 20 ms ends a motion that turned round somewhere else than it was told.
+        part = (end.agreed - begin.agreed) / (end.asked - begin.asked)
         if part >= self._settings.part:
             return ""
         if part < STANDSTILL:

@@ -159,6 +159,14 @@ class ControlSettings(Group):
         0.1,
         2000.0,
     )
+    arm_lag_s: float = setting(
+        0.0,
+        "Lag with which the arm's velocities answer a command; the control law looks that far ahead.",
+        "s",
+        0.0,
+        0.5,
+    )
+    arm_delay_s: float = setting(0.0, "Time until the arm knows a command, beside its lag.", "s", 0.0, 0.5)
     gain_linear: float = setting(10.0, "K_p on the position error.", "1/s", 0.0, 200.0)
     gain_angular: float = setting(10.0, "K_p on the orientation error.", "1/s", 0.0, 200.0)
     gain_integral_linear: float = setting(0.0, "K_i on the position error; 0: none.", "1/s2", 0.0, 100.0)

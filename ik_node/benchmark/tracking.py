@@ -1,10 +1,11 @@
 """``ik_benchmark tracking``: how well a moving target is tracked by the node's controller on a simulated arm.
 
 The arm is a Panda with the settings of config/panda.yaml. Simulator "ideal" does what it is told; "lagged" answers with
-a first-order lag of 20 ms after one sample of delay, and its encoders have noise. Targets are (a) known as a whole: a
-trajectory with twists or a timed path, or (b) streams: made ones, and real ones where their files are. The error is
-that of the tool where it truly is against the truth at the same time; the first 0.5 s are left out, and so is the time
-about a step of a stream.
+a first-order lag of 20 ms after one sample of delay, and its encoders have noise. The node is told both by its
+parameters ``arm_lag_s`` and ``arm_delay_s``; beside it stands what it does without. Targets are (a) known as a
+whole: a trajectory with twists or a timed path, or (b) streams: made ones, and real ones where their files are. The
+error is that of the tool where it truly is against the truth at the same time; the first 0.5 s are left out, and so is
+the time about a step of a stream.
 
 The rivals are P control through the pseudoinverse, without feed-forward and without acceleration limits: at 10 1/s, at
 its best gain, and "the whole error in one period, clipped" to 1 m/s and 2.5 rad/s at its best part of the error per
@@ -77,7 +78,7 @@ def known_part(options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]
                 bench = Bench(robot, READY, simulator, stream, streams.sent(stream, PROMPT, 0), panda(rate_hz)[1])
                 rows = [bench.node(target.message), *bench.rivals()]
                 if simulator.lag_s:
-                    rows.insert(1, bench.tuned_node(target.message))
+                    rows.insert(1, bench.untold_node(target.message))
                 else:
                     ideal.append(rows[0])
                 title = f"{target.name}, {rate_hz:g} Hz, {simulator.name}"
@@ -120,7 +121,8 @@ def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], l
             bench = Bench(robot, start, simulator, stream, samples, settings)
             node, rivals = bench.node(), bench.rivals()
             title = f"{stream.name}, {dirt.name}, {simulator.name}"
-            yield title, [node, bench.unlimited_node(), *rivals], stream_demands(title, stream, node, rivals[0])
+            other = bench.untold_node() if simulator.lag_s else bench.unlimited_node()
+            yield title, [node, other, *rivals], stream_demands(title, stream, node, rivals[0])
 
 
 def parser() -> argparse.ArgumentParser:

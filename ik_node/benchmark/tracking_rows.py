@@ -38,8 +38,6 @@ NO_LIMIT = 100.0
 STILL = 1e-6
 """An orientation whose matrix changes by less than this has no lag."""
 SEARCHED_S = 15.0
-NODE_GAINS = (10.0, 20.0, 40.0, 80.0, 160.0)
-"""1/s, that the node is tried with on an arm that lags."""
 
 
 class Row(NamedTuple):
@@ -123,19 +121,16 @@ class Bench:
         name: str = NODE,
         values: Mapping[str, Any] = MappingProxyType({}),
     ) -> Row:
-        """The node with its settings, but for ``values`` by full name."""
-        leader = Node(self._robot, self._settings.with_values(values), known)
+        """The node with its settings and those that describe the arm, but for ``values`` by full name."""
+        model = self._simulator.model(1.0 / self._rate_hz)
+        told = {"arm_lag_s": model.lag_s, "arm_delay_s": model.delay_s, **values}
+        leader = Node(self._robot, self._settings.with_values(told), known)
         row = self.row(name, leader)
         return row._replace(slowed_s=leader.slowed / self._rate_hz, stopped_s=leader.stopped / self._rate_hz)
 
-    def tuned_node(self, known: PathSample | TrajectorySample) -> Row:
-        """The node at its best gain."""
-        tried = {}
-        for gain in NODE_GAINS:
-            values = {"gain_linear": gain, "gain_angular": gain}
-            tried[gain] = self.node(known, f"{NODE}, gain {gain:g} 1/s", values)
-        search = tuple((gain, score(row)) for gain, row in tried.items())
-        return min(tried.values(), key=score)._replace(search=search)
+    def untold_node(self, known: PathSample | TrajectorySample | None = None) -> Row:
+        """The node as if the arm obeyed at once."""
+        return self.node(known, f"{NODE}, not told of the lag", {"arm_lag_s": 0.0, "arm_delay_s": 0.0})
 
     def unlimited_node(self) -> Row:
         """The node without acceleration limits to speak of, as the rivals are."""
@@ -191,11 +186,10 @@ def known_demands(of: str, simulator: Simulator, rate_hz: float, rows: Sequence[
             Demand(of, "RMS orientation error, urad", 1e3 * ours.angular.rms, 0.1),
         ]
     demands = []
-    for row in rows[:-3]:
-        for what, part in (("position", "linear"), ("orientation", "angular")):
-            better = min(getattr(rival, part).rms for rival in rivals)
-            name = f"{row.name}: RMS {what} error as part of the better rival's"
-            demands.append(Demand(of, name, getattr(row, part).rms / better, 1.0 / 3.0))
+    for what, part in (("position", "linear"), ("orientation", "angular")):
+        better = min(getattr(rival, part).rms for rival in rivals)
+        name = f"{ours.name}: RMS {what} error as part of the better rival's"
+        demands.append(Demand(of, name, getattr(ours, part).rms / better, 1.0 / 3.0))
     return demands
 
 

@@ -106,8 +106,11 @@ class FollowMonitor:
         told = end.told - begin.told
         if np.abs(told).max() < self._settings.least_motion:
             return ""
-        # Step by step: an arm that is late by 20 ms ends a motion that turned round somewhere else than it was told.
-        part = (end.agreed - begin.agreed) / (end.asked - begin.asked)
+        # An arm that is late by 20 ms ends a motion that turned round somewhere else than it was told, and does not do
+        # every tremble step by step; who does neither does not follow.
+        steps = (end.agreed - begin.agreed) / (end.asked - begin.asked)
+        went = self._robot.difference(begin.position, end.position)
+        part = max(steps, float(told @ went) / float(told @ told))
         if part >= self._settings.part:
             return ""
         if part < STANDSTILL:

@@ -24,6 +24,9 @@ from ik_node.se3 import Array
 from ik_node.settings import ControlSettings
 from ik_node.trajectory.motion import Motion
 
+SMOOTHING = 1.0
+"""Time over which the target's acceleration is averaged, in latenesses."""
+
 
 class LateArmMemory(NamedTuple):
     """What a :class:`LateArm` remembers; its attributes of the same names."""
@@ -41,6 +44,8 @@ class LateArmMemory(NamedTuple):
     """When the model is going to obey which commands."""
     twist_d: Array | None
     """Of the target at the last tick; None at the first."""
+    acceleration_d: Array
+    """Of the target, averaged, (6,)."""
 
 
 class LateArm:
@@ -63,12 +68,17 @@ class LateArm:
         self._obeyed, self._told = np.zeros(self._n), np.zeros(self._n)
         self._waiting: tuple[tuple[int, Array], ...] = ()
         self._twist_d: Array | None = None
+        self._acceleration_d = np.zeros(6)
 
     def target(self, motion: Motion, interval_s: float) -> Motion:
         """The target of ``motion`` when the arm is going to be there, by its acceleration since the last tick."""
         before = motion.twist_d if self._twist_d is None else self._twist_d
         self._twist_d = motion.twist_d
-        change = (motion.twist_d - before) * (self.lateness_s / interval_s)
+        # Averaged over the lateness: what trembles faster is over when the arm gets there.
+        part = 1.0 - math.exp(-interval_s / (SMOOTHING * self.lateness_s))
+        newest = (motion.twist_d - before) / interval_s
+        self._acceleration_d = self._acceleration_d + part * (newest - self._acceleration_d)
+        change = self.lateness_s * self._acceleration_d
         pose_sd = motion.pose_sd @ se3.exp(self.lateness_s * (motion.twist_d + 0.5 * change))
         return motion._replace(pose_sd=pose_sd, twist_d=motion.twist_d + change)
 

@@ -183,7 +183,10 @@ def _source(kind: CallKind) -> str | None:
 
 def decode_state(data: bytes) -> ControllerState:
     """The state in a message of the topic ``state``; InputError when it holds none."""
-    state: ControllerState = from_json(decode_string(data), ControllerState)
+    try:
+        state: ControllerState = from_json(decode_string(data), ControllerState)
+    except InputError as error:
+        raise InputError(f"the controller's memory in it is that of another version of ik_node: {error}") from error
     return state
 
 

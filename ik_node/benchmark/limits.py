@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from ik_node.benchmark import hostile, optimum, singularities
+from ik_node.benchmark.parts import Part, print_parts
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -19,21 +20,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--only", choices=("optimum", "hostile", "outside", "lag", "singularities"), help="one part instead of all"
     )
     options = parser.parse_args(arguments)
-    parts = {
+    parts: dict[str, Part] = {
         "optimum": lambda: optimum.table(options.states, options.seed),
         "hostile": lambda: hostile.table(options.ticks, options.seed),
         "outside": lambda: hostile.outside(options.seed),
         "lag": hostile.lag_table,
         "singularities": singularities.table,
     }
-    good = True
-    for name, part in parts.items():
-        if options.only in (None, name):
-            lines, within = part()
-            print(f"\n{name}: {'within its bounds' if within else 'OUT OF ITS BOUNDS'}")
-            print("\n".join(lines), flush=True)
-            good &= within
-    return 0 if good else 1
+    return print_parts(parts, options.only)
 
 
 if __name__ == "__main__":

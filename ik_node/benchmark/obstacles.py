@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ik_node import collision, se3
 from ik_node.benchmark import scenes
 from ik_node.benchmark.loop import PERIOD_S
 from ik_node.benchmark.optimum import arm, random_position
+from ik_node.benchmark.parts import Part, print_parts
 from ik_node.clearance import Clearance
 from ik_node.potentials.avoidance import look_around
 from ik_node.scene import Scene, obstacle, shape
@@ -115,21 +116,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of everything random")
     parser.add_argument("--only", choices=("scenes", "path", "gradients", "speed", "geometry"), help="one part")
     options = parser.parse_args(arguments)
-    parts: dict[str, Callable[[], tuple[list[str], bool]]] = {
+    parts: dict[str, Part] = {
         "geometry": conservative,
         "gradients": lambda: gradients(options.positions, options.seed),
         "scenes": lambda: scenes.table(options.scenes, options.seed, options.anywhere),
         "path": lambda: _both(scenes.on_the_path("ur5"), scenes.on_the_path("panda")),
         "speed": speed,
     }
-    good = True
-    for name, part in parts.items():
-        if options.only in (None, name):
-            lines, within = part()
-            print(f"\n{name}: {'within its bounds' if within else 'OUT OF ITS BOUNDS'}")
-            print("\n".join(lines), flush=True)
-            good &= within
-    return 0 if good else 1
+    return print_parts(parts, options.only)
 
 
 def _both(first: tuple[list[str], bool], second: tuple[list[str], bool]) -> tuple[list[str], bool]:

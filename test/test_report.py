@@ -133,5 +133,5 @@ def test_the_command_line(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "p.png").exists()
     assert command.main([str(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["robot"] == "panda"
-    assert command.main([str(tmp_path)]) == 1
+    assert command.main([str(tmp_path)]) == 2
     assert "error:" in capsys.readouterr().err

@@ -1,7 +1,7 @@
-"""A run in figures and in one picture."""
+"""Runs in figures and in pictures."""
 
 from ik_node.report.figures import Report, figures
-from ik_node.report.text import as_json, as_text
+from ik_node.report.text import as_json, as_plain, as_text
 from ik_node.report.truth import FILE_NAME, Truth, read_truth, truth_from, truth_from_targets, write_truth
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "Report",
     "Truth",
     "as_json",
+    "as_plain",
     "as_text",
     "figures",
     "read_truth",

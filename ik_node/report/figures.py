@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.recording.run import Run
+from ik_node.report.extremes import Margin, Multiplier, margin, multiplier
 from ik_node.report.tracking import Series, Tracking, compare
 from ik_node.report.truth import Truth, truth_from_targets
 from ik_node.se3 import Array
@@ -106,6 +107,8 @@ class Report(NamedTuple):
     singularity: Singularity
     scaling: Scaling
     nearness: Nearness
+    margin: Margin
+    multiplier: Multiplier
     periods: tuple[Period, ...]
     """Longest first."""
     targets: int
@@ -140,6 +143,8 @@ def figures(run: Run, truth: Truth | None = None, trajectory: str = "", settle_s
         singularity=_singularity(run, held_s),
         scaling=_scaling(run, held_s),
         nearness=_nearness(run),
+        margin=margin(run),
+        multiplier=multiplier(run),
         periods=_periods(run, held_s),
         targets=len(run.targets.times_s),
         target_rate_hz=_rate(run.targets.times_s),

@@ -60,7 +60,13 @@ def title(report: Report) -> str:
 
 def as_json(report: Report) -> str:
     """Every figure by name, units in the names; null where there is none. The series stay out."""
-    return json.dumps(_plain(report._replace(series=None)), indent=2, allow_nan=False)
+    return json.dumps(as_plain(report), indent=2, allow_nan=False)
+
+
+def as_plain(report: Report) -> dict[str, Any]:
+    """What :func:`as_json` writes."""
+    plain: dict[str, Any] = _plain(report._replace(series=None))
+    return plain
 
 
 def _tracking(tracking: Tracking) -> list[str]:

@@ -24,15 +24,13 @@ from contextlib import contextmanager
 import numpy as np
 
 from ik_node.clock import NS, Instant, place
-from ik_node.control_law import IkDifference, IkMemory, twist_feedback
 from ik_node.controller_state import ControllerMemory, ControllerState
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.following import FollowMonitor
 from ik_node.frames import Frames, FramesMemory
 from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
-from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState, JointStateMerger, MergerMemory
-from ik_node.late_arm import LateArm, LateArmMemory
+from ik_node.law import Decision, Law
 from ik_node.limits import motion_limits
 from ik_node.memory import recall, remembered
 from ik_node.robot import Robot
@@ -41,18 +39,15 @@ from ik_node.se3 import Array
 from ik_node.settings import Settings
 from ik_node.srdf import with_srdf_text
 from ik_node.status import StatusMemory
-from ik_node.step import Level, Mode, Status, Step
+from ik_node.step import Level, Mode, Status, Step, bare_step
 from ik_node.supervision import Supervision, SupervisionMemory
 from ik_node.targets import Targets, twist_frame
-from ik_node.tick import Moment, Outcome, TickSolver
 
 INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean of the time between ticks."""
 TARGET_AHEAD_S = 0.5
 """Target stamps may lie this far in the future (a planner's look-ahead) and still be believed."""
 NOBODY_LISTENS = Status(Level.WARN, Mode.STOPPED, "nobody listens to the commands")
-HIGHEST_GAIN_FOR_LATE_ARMS = 100.0
-"""Gain [1/s] up to which ik_difference was seen to stay stable with 20 ms of lag and one sample of delay."""
 
 
 class Controller:
@@ -65,28 +60,21 @@ class Controller:
         self.settings = settings
         self.targets_refused = 0
         self.states_refused = 0
-        self._solver = TickSolver(robot, settings)
-        self._ik = IkDifference(robot)
-        self._integral = IntegralAction()
+        self._law = Law(robot, settings)
         self._states = JointStateMerger(robot.joints, settings.state)
         self._targets = Targets(settings, robot)
         self._frames = Frames(robot)
         self._supervision = Supervision()
         self._status = self._supervision.says
         self._tick = 0
-        self._velocity = np.zeros(robot.n)
         self._state: JointState | None = None
         self._period_s = 1.0 / settings.control.rate_hz
         self._interval_s = self._period_s
         self._due_ns = 0
         self._last_tick_ns = 0
-        self._commanded_ns = 0
         self._follow = FollowMonitor(robot, settings.follow)
-        self._late = LateArm(robot.n, settings.control)
         self._retry_ns = 0
         self._listeners = 1
-        self._pace = 1.0
-        self._gives_up = False
         self._keep_targets = False
 
     @property
@@ -146,7 +134,7 @@ class Controller:
     def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
         """Takes obstacles as they are now. Raises SceneError naming those that cannot be used; the others count."""
         max_age_ns = round(self.settings.target.max_age_s * NS)
-        wrong = self._solver.lookout.take(samples, self._frames, now, max_age_ns)
+        wrong = self._law.solver.lookout.take(samples, self._frames, now, max_age_ns)
         self._status.note("obstacles", f"obstacle refused: {wrong}" if wrong else "")
         if wrong:
             raise SceneError(wrong)
@@ -206,27 +194,26 @@ class Controller:
 
     def apply(self, settings: Settings) -> None:
         """Takes over changed settings; raises as :meth:`check` does, then without having changed anything."""
-        self._solver.configure(settings)
+        self._law.configure(settings)
         self.settings = settings
         self._states.configure(settings.state)
         self._targets.configure(settings)
         self._follow.configure(settings.follow)
-        self._late.configure(settings.control)
 
     @property
     def geometry(self) -> str:
         """A digest of what distances are measured with; see :attr:`ik_node.surroundings.Lookout.digest`."""
-        return self._solver.lookout.digest
+        return self._law.solver.lookout.digest
 
     @property
     def pairs(self) -> str:
         """Which pairs of links are watched, and why others are not, for a person."""
-        return self._solver.lookout.pairs
+        return self._law.solver.lookout.pairs
 
     @property
     def scene(self) -> Scene:
         """The obstacles that there are."""
-        return self._solver.lookout.scene
+        return self._law.solver.lookout.scene
 
     # --- state -------------------------------------------------------------------------------------------------------
 
@@ -237,14 +224,11 @@ class Controller:
             remembered(self._supervision, SupervisionMemory),
             remembered(self._status, StatusMemory),
             remembered(self._states, MergerMemory),
-            remembered(self._ik, IkMemory),
-            remembered(self._integral, IntegralMemory),
             remembered(self._frames, FramesMemory),
             self._targets.state(),
             self._follow.memory(),
-            remembered(self._late, LateArmMemory),
-            self._solver.memory(),
-            self._solver.lookout.scene,
+            self._law.memory(),
+            self._law.solver.lookout.scene,
         )
 
     def restore(self, state: ControllerState) -> None:
@@ -254,14 +238,11 @@ class Controller:
         recall(self._supervision, state.supervision)
         recall(self._status, state.status)
         recall(self._states, state.joint_states)
-        recall(self._ik, state.ik_difference)
-        recall(self._integral, state.integral)
         recall(self._frames, state.frames)
         self._targets.restore(state.targets)
         self._follow.recall(state.follow)
-        recall(self._late, state.late)
-        self._solver.recall(state.solver)
-        self._solver.lookout.scene = state.scene
+        self._law.recall(state.law)
+        self._law.solver.lookout.scene = state.scene
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 
@@ -297,12 +278,7 @@ class Controller:
             if now.monotonic_ns < self._retry_ns:
                 return False
             self._follow.forget()
-            self._late.begin(state.time_ns)
-            self._commanded_ns = now.monotonic_ns - round(self._period_s * NS)
-            self._ik.solution = None
-            self._integral.reset()
-            self._solver.begin()
-            self._pace, self._gives_up = 1.0, False
+            self._law.begin(state.time_ns, now.monotonic_ns - round(self._period_s * NS))
             begin = self._targets.rest_at if self._keep_targets else self._targets.start
             begin(self.robot.pose(state.position), state.time_ns)
             self._keep_targets = False
@@ -317,40 +293,18 @@ class Controller:
         if self._listeners == 0:
             return NOBODY_LISTENS
         if self._supervision.closed_loop and self.settings.follow.enabled:
-            reason = self._follow.observe(state.time_ns, state.position, self._velocity)
+            reason = self._follow.observe(state.time_ns, state.position, self._law.velocity)
             if reason:
                 self._retry_ns = now.monotonic_ns + round(self.settings.follow.retry_s * NS)
                 return Status(Level.WARN, Mode.STOPPED, reason)
         return None
 
     def _track(self, state: JointState, now: Instant) -> Step:
-        control = self.settings.control
         pose_sb = self.robot.pose(state.position)
-        motion = self._targets.advance(state.time_ns, self._interval_s, self._pace, pose_sb)
-        law = twist_feedback(pose_sb, motion, control)
-        position = state.position
-        if self._late.lateness_s > 0.0:
-            # Where the arm is going to be by what it has been told, towards the target of that time.
-            position = position + self._late.lead(state.time_ns)
-            later = self._late.target(motion, self._interval_s)
-            law = twist_feedback(self.robot.pose(position), later, control)._replace(error_b=law.error_b)
-        # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
-        ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * self._interval_s
-        elapsed_s = (now.monotonic_ns - self._commanded_ns) / NS
-        middle = position + ahead_s * self._velocity
-        moment = Moment(position, middle, self._velocity, elapsed_s, now.monotonic_ns)
-        if control.control_law == "ik_difference":
-            wanted = self._ik.velocity(position, motion, self._interval_s, control.ik_difference_gain)
-            outcome = self._solver.follow_velocity(moment, wanted)
-        else:
-            self._ik.solution = None
-            frozen = self._pace < 1.0 or self._gives_up
-            twist_b = law.twist_b + self._integral.twist(law.error_b, elapsed_s, frozen, control)
-            law = law._replace(twist_b=twist_b)
-            outcome = self._solver.follow_twist(moment, twist_b)
-        self._velocity, self._commanded_ns, self._pace = outcome.joint_velocity, now.monotonic_ns, outcome.scale
-        self._late.command(self._velocity, now.monotonic_ns)
-        self._say_what_happens(now, outcome, elapsed_s)
+        motion = self._targets.advance(state.time_ns, self._interval_s, self._law.pace, pose_sb)
+        decision = self._law.decide(state, pose_sb, motion, self._interval_s, now)
+        asked, outcome, _ = decision
+        self._say_what_happens(now, decision)
         self._tick += 1
         return Step(
             tick=self._tick - 1,
@@ -360,9 +314,9 @@ class Controller:
             joint_velocity=outcome.joint_velocity,
             pose_sb=pose_sb,
             pose_sd=motion.pose_sd,
-            error_b=law.error_b,
-            feedforward_b=law.feedforward_b,
-            twist_b=law.twist_b,
+            error_b=asked.error_b,
+            feedforward_b=asked.feedforward_b,
+            twist_b=asked.twist_b,
             lost_b=outcome.lost_b,
             scale=outcome.scale,
             multiplier_task=outcome.multiplier_task,
@@ -377,26 +331,14 @@ class Controller:
             status=self.status,
         )
 
-    def _say_what_happens(self, now: Instant, outcome: Outcome, elapsed_s: float) -> None:
-        self._gives_up = bool(np.abs(outcome.lost_b).max() > 1e-6)
-        self._status.flag("near a singularity, part of the twist is given up", self._gives_up, now)
-        self._status.flag("slowing down to pass a singularity", outcome.pace < 0.99, now)
-        self._status.flag("slowed down by joint limits", outcome.scale < outcome.pace, now)
-        self._status.flag("a joint limit had to give way", bool(outcome.conceded), now)
-        self._status.flag("a command stood for longer than hold_periods", elapsed_s > self._solver.limits.dt_max_s, now)
-        self._status.flag("inverse kinematics finds no solution near the last one", not self._ik.converged, now)
-        self._status.flag(self._solver.without_effect, bool(self._solver.without_effect), now)
-        late = self._gain_needs_a_prompt_arm()
-        self._status.flag("ik_difference_gain is stable only for an arm that answers without lag", late, now)
+    def _say_what_happens(self, now: Instant, decision: Decision) -> None:
+        for condition, holds in self._law.conditions(decision):
+            self._status.flag(condition, holds, now)
         self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
         for remark in self._targets.remarks:
             self._status.flag(remark, True, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason))
-
-    def _gain_needs_a_prompt_arm(self) -> bool:
-        control = self.settings.control
-        return control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS
 
     def _ready(self) -> JointState:
         """The last joint state of an arm that a control law moves; TargetRefused otherwise."""
@@ -418,7 +360,7 @@ class Controller:
     # --- coming to rest ----------------------------------------------------------------------------------------------
 
     def _ramp_down(self, now: Instant, rest: Status) -> None:
-        self._supervision.ramp_down(self._velocity, self._solver.limits.acceleration, now, rest)
+        self._supervision.ramp_down(self._law.velocity, self._law.solver.limits.acceleration, now, rest)
 
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Zeros at once; goes on from the measured position with the next good state, unless paused or at fault."""
@@ -434,34 +376,13 @@ class Controller:
         return self._bare_step(now, np.zeros(self.robot.n))
 
     def _bare_step(self, now: Instant, velocity: Array) -> Step:
-        """A step that commands ``velocity`` without a control law: what it did not compute is NaN."""
-        self._velocity, self._commanded_ns = velocity, now.monotonic_ns
-        self._late.command(velocity, now.monotonic_ns)
+        """A step that commands ``velocity`` without a control law."""
+        self._law.command(velocity, now.monotonic_ns)
         self._last_tick_ns = now.monotonic_ns
         self._tick += 1
         state = self._state
-        twist, pose = np.full(6, np.nan), np.full((4, 4), np.nan)
-        return Step(
-            tick=self._tick - 1,
-            now=now,
-            state_time_ns=now.monotonic_ns if state is None else state.time_ns,
-            joint_position=np.full(self.robot.n, np.nan) if state is None else state.position,
-            joint_velocity=velocity,
-            pose_sb=pose if state is None else self.robot.pose(state.position),
-            pose_sd=pose,
-            error_b=twist,
-            feedforward_b=twist,
-            twist_b=twist,
-            lost_b=twist,
-            scale=float("nan"),
-            multiplier_task=twist,
-            multiplier_potential=twist,
-            singular_values=np.full(min(6, self.robot.n), np.nan),
-            binding=(),
-            progress=float("nan"),
-            path_distance=float("nan"),
-            clearance=float("nan"),
-            closest_points=np.full((2, 3), np.nan),
-            closest_pair=(),
-            status=self.status,
-        )
+        if state is None:
+            position, pose_sb, time_ns = np.full(self.robot.n, np.nan), np.full((4, 4), np.nan), now.monotonic_ns
+        else:
+            position, pose_sb, time_ns = state.position, self.robot.pose(state.position), state.time_ns
+        return bare_step(self._tick - 1, now, time_ns, position, pose_sb, velocity, self.status)

@@ -7,18 +7,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ik_node.control_law import IkMemory
 from ik_node.following import FollowMemory
 from ik_node.frames import FramesMemory
-from ik_node.integral import IntegralMemory
 from ik_node.joint_states import JointState, MergerMemory
-from ik_node.late_arm import LateArmMemory
+from ik_node.law import LawMemory
 from ik_node.scene import Scene
-from ik_node.se3 import Array
 from ik_node.status import StatusMemory
 from ik_node.supervision import SupervisionMemory
 from ik_node.targets import TargetsState
-from ik_node.tick import TickMemory
 
 
 class ControllerMemory(NamedTuple):
@@ -27,16 +23,12 @@ class ControllerMemory(NamedTuple):
     targets_refused: int
     states_refused: int
     tick: int
-    velocity: Array
     state: JointState | None
     interval_s: float
     due_ns: int
     last_tick_ns: int
-    commanded_ns: int
     retry_ns: int
     listeners: int
-    pace: float
-    gives_up: bool
     keep_targets: bool
 
 
@@ -47,11 +39,8 @@ class ControllerState(NamedTuple):
     supervision: SupervisionMemory
     status: StatusMemory
     joint_states: MergerMemory
-    ik_difference: IkMemory
-    integral: IntegralMemory
     frames: FramesMemory
     targets: TargetsState
     follow: FollowMemory
-    late: LateArmMemory
-    solver: TickMemory
+    law: LawMemory
     scene: Scene

@@ -6,6 +6,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
+import numpy as np
+
 from ik_node.clock import Instant
 from ik_node.se3 import Array
 
@@ -93,3 +95,34 @@ class Step(NamedTuple):
     closest_pair: tuple[str, ...]
     """Names of the two; none when not computed."""
     status: Status
+
+
+def bare_step(
+    tick: int, now: Instant, state_time_ns: int, position: Array, pose_sb: Array, velocity: Array, status: Status
+) -> Step:
+    """A Step that no control law made: what was not computed is NaN."""
+    unknown, nothing = np.full(6, np.nan), float("nan")
+    return Step(
+        tick=tick,
+        now=now,
+        state_time_ns=state_time_ns,
+        joint_position=position,
+        joint_velocity=velocity,
+        pose_sb=pose_sb,
+        pose_sd=np.full((4, 4), np.nan),
+        error_b=unknown,
+        feedforward_b=unknown,
+        twist_b=unknown,
+        lost_b=unknown,
+        scale=nothing,
+        multiplier_task=unknown,
+        multiplier_potential=unknown,
+        singular_values=np.full(min(6, len(velocity)), np.nan),
+        binding=(),
+        progress=nothing,
+        path_distance=nothing,
+        clearance=nothing,
+        closest_points=np.full((2, 3), np.nan),
+        closest_pair=(),
+        status=status,
+    )

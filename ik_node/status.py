@@ -43,6 +43,8 @@ class StatusKeeper:
         """Says whether ``condition`` holds now; it is dropped ``RELEASE_S`` after it last held."""
         if holds:
             self._until[condition] = now.monotonic_ns + round(RELEASE_S * NS)
+        if not self._until:
+            return
         for over in [name for name, until_ns in self._until.items() if now.monotonic_ns >= until_ns]:
             del self._until[over]
 

@@ -44,6 +44,7 @@ setup(
         "pin",
         "example-robot-data",
         "daqp",
+        "numba",
         "mcap",
         "lz4",
         "zstandard",

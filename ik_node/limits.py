@@ -24,12 +24,12 @@ that were lowered) position gives way to acceleration and acceleration to veloci
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ik_node.compiled import compiled, elementwise
 from ik_node.errors import SettingsError
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -39,8 +39,7 @@ UNBOUNDED = 1e6
 """Distances to a position limit beyond this one, rad or m, count as this one."""
 
 
-@dataclass(frozen=True)
-class MotionLimits:
+class MotionLimits(NamedTuple):
     """What no joint exceeds, (n,) each, and the longest hold these limits are kept for."""
 
     lower: Array
@@ -110,16 +109,25 @@ def _per_joint(values: tuple[float, ...], robot: Robot, name: str, otherwise: Ar
     return np.full(robot.n, values[0]) if len(values) == 1 else np.array(values)
 
 
-def viable_speed(distance: Array, acceleration: ArrayLike, hold_s: float, change_s: float | None = None) -> Array:
+@compiled
+def viable_speed_at(distance: float, acceleration: float, hold_s: float, change_s: float) -> float:
+    """:func:`viable_speed` of one distance."""
+    step = acceleration * change_s
+    delta = min(max(distance, 0.0), UNBOUNDED) / (step * hold_s)
+    steps = np.floor(0.5 * np.sqrt(1.0 + 8.0 * delta) - 0.5)
+    return float(step * (delta / (steps + 1.0) + 0.5 * steps))
+
+
+_viable_speeds = elementwise(viable_speed_at)
+
+
+def viable_speed(distance: ArrayLike, acceleration: ArrayLike, hold_s: float, change_s: float | None = None) -> Array:
     """vbar(d): the highest speed from which a held staircase stops within ``distance``; 0 where that is negative.
 
     ``hold_s``: how long each command stands. ``change_s``: the time that the change acceleration * change_s from one
     command to the next refers to; the hold unless stated.
     """
-    step = np.asarray(acceleration) * (hold_s if change_s is None else change_s)
-    delta = np.minimum(np.maximum(distance, 0.0), UNBOUNDED) / (step * hold_s)
-    steps = np.floor(0.5 * np.sqrt(1.0 + 8.0 * delta) - 0.5)
-    return np.asarray(step * (delta / (steps + 1.0) + 0.5 * steps))
+    return np.asarray(_viable_speeds(distance, acceleration, hold_s, hold_s if change_s is None else change_s))
 
 
 def stopping_distance(speed: Array, acceleration: ArrayLike, hold_s: float) -> Array:
@@ -129,30 +137,34 @@ def stopping_distance(speed: Array, acceleration: ArrayLike, hold_s: float) -> A
     return np.asarray(hold_s * (holds * speed - step * holds * (holds - 1.0) / 2.0))
 
 
+@compiled
 def joint_bounds(limits: MotionLimits, q: Array, qd_previous: Array, elapsed_s: float) -> JointBounds:
     """The box of this tick; see the module.
 
     ``q`` (n,) measured positions. ``qd_previous`` (n,) the command that stands now. ``elapsed_s``: for how long it has
     stood; negative counts as 0 and more than dt_max as dt_max.
     """
-    held_s = min(max(elapsed_s, 0.0), limits.dt_max_s)
-    change = limits.acceleration * held_s
-    reach_lo, reach_hi = qd_previous - change, qd_previous + change
-    distance = np.empty((2, len(q)))
-    np.subtract(q, limits.lower, out=distance[0])
-    np.subtract(limits.upper, q, out=distance[1])
-    speed = viable_speed(np.abs(distance), limits.acceleration, limits.dt_max_s)
-    position_lo, position_hi = -speed[0], speed[1]
-    if distance.min() < 0.0:
-        back = np.minimum(speed, limits.recovery_speed)
-        position_lo = np.where(distance[0] < 0.0, back[0], position_lo)
-        position_hi = np.where(distance[1] < 0.0, -back[1], position_hi)
-    # Position gives way to acceleration, acceleration to velocity.
-    lo = np.minimum(np.maximum(position_lo, reach_lo), reach_hi)
-    hi = np.maximum(np.minimum(position_hi, reach_hi), reach_lo)
-    lo = np.minimum(np.maximum(lo, -limits.velocity), limits.velocity)
-    hi = np.minimum(np.maximum(hi, -limits.velocity), limits.velocity)
-    return JointBounds(np.minimum(lo, hi), hi, limits.velocity, reach_lo, reach_hi, position_lo, position_hi)
+    held_s, n = min(max(elapsed_s, 0.0), limits.dt_max_s), len(q)
+    lo, hi, reach_lo, reach_hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    position_lo, position_hi = np.empty(n), np.empty(n)
+    for i in range(n):
+        change, fastest = limits.acceleration[i] * held_s, limits.velocity[i]
+        reach_lo[i], reach_hi[i] = qd_previous[i] - change, qd_previous[i] + change
+        position_lo[i] = -_speed_towards(q[i] - limits.lower[i], limits, i)
+        position_hi[i] = _speed_towards(limits.upper[i] - q[i], limits, i)
+        # Position gives way to acceleration, acceleration to velocity.
+        lowest = min(max(position_lo[i], reach_lo[i]), reach_hi[i])
+        highest = max(min(position_hi[i], reach_hi[i]), reach_lo[i])
+        hi[i] = min(max(highest, -fastest), fastest)
+        lo[i] = min(max(lowest, -fastest), fastest, hi[i])
+    return JointBounds(lo, hi, limits.velocity, reach_lo, reach_hi, position_lo, position_hi)
+
+
+@compiled
+def _speed_towards(distance: float, limits: MotionLimits, joint: int) -> float:
+    """The highest speed towards a position limit at this distance, rad/s (m/s); negative: back from beyond it."""
+    speed = viable_speed_at(abs(distance), limits.acceleration[joint], limits.dt_max_s, limits.dt_max_s)
+    return speed if distance >= 0.0 else -min(speed, limits.recovery_speed)
 
 
 def cause(bounds: JointBounds, joint: int, upper: bool) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -14,12 +13,23 @@ from types import MappingProxyType
 import numpy as np
 
 import ik_node
+from ik_node.source import source_digest
 
-DISTRIBUTIONS = ("pin", "coal", "numpy", "daqp", "rosbags", "mcap", "example-robot-data", "ros-jazzy-rclpy")
+DISTRIBUTIONS = (
+    "pin",
+    "coal",
+    "numpy",
+    "numba",
+    "llvmlite",
+    "daqp",
+    "rosbags",
+    "mcap",
+    "example-robot-data",
+    "ros-jazzy-rclpy",
+)
 SOURCE = "source"
 """Key of the digest of our own code."""
 _HARMLESS = ("rosbags", "mcap", "ros-jazzy-rclpy", "example-robot-data")  # carry bytes, do not calculate
-_NOT_CALCULATING = ("ros", "cli", "report", "view", "benchmark", "recording", "replay", "messages")
 
 
 @cache
@@ -27,7 +37,7 @@ def versions() -> Mapping[str, str]:
     """Our version and a digest of our code, versions of the libraries and of Python, the processor, BLAS's kernels."""
     found = {
         "ik_node": ik_node.__version__,
-        SOURCE: _source_digest(),
+        SOURCE: source_digest(),
         "python": platform.python_version(),
         "machine": platform.machine(),
         "processor": _processor(),
@@ -51,17 +61,6 @@ def differences(recorded: Mapping[str, str]) -> tuple[str, ...]:
         for name in names
         if recorded.get(name) != here.get(name)
     )
-
-
-def _source_digest() -> str:
-    """Of all of our code that takes part in calculating a command."""
-    folder = Path(ik_node.__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        place = path.relative_to(folder)
-        if place.parts[0] not in _NOT_CALCULATING:
-            digest.update(place.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
 
 
 def _processor() -> str:

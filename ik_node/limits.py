@@ -35,6 +35,9 @@ from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import LimitSettings
 
+ROUNDING = 1e-9
+"""Trespasses up to this, rad/s (m/s), are rounding."""
+
 UNBOUNDED = 1e6
 """Distances to a position limit beyond this one, rad or m, count as this one."""
 
@@ -177,14 +180,26 @@ def cause(bounds: JointBounds, joint: int, upper: bool) -> str:
     return "acceleration"
 
 
-def conceded(bounds: JointBounds, joints: tuple[str, ...], tolerance: float = 1e-9) -> tuple[str, ...]:
+@compiled
+def nothing_conceded(bounds: JointBounds, tolerance: float = ROUNDING) -> bool:
+    """True where :func:`conceded` has nothing to say."""
+    for i in range(len(bounds.lo)):
+        lo, hi = bounds.lo[i], bounds.hi[i]
+        if bounds.position_hi[i] < hi - tolerance or bounds.position_lo[i] > lo + tolerance:
+            return False
+        if bounds.reach_hi[i] < lo - tolerance or bounds.reach_lo[i] > hi + tolerance:
+            return False
+    return True
+
+
+def conceded(bounds: JointBounds, joints: tuple[str, ...], tolerance: float = ROUNDING) -> tuple[str, ...]:
     """Limits that had to give way to a stronger one, by name, e.g. ``position panda_joint4``; the usual answer is ().
 
     ``tolerance``, rad/s (m/s): what counts as rounding.
     """
+    if nothing_conceded(bounds, tolerance):
+        return ()
     position = (bounds.position_hi < bounds.hi - tolerance) | (bounds.position_lo > bounds.lo + tolerance)
     acceleration = (bounds.reach_hi < bounds.lo - tolerance) | (bounds.reach_lo > bounds.hi + tolerance)
-    if not (position.any() or acceleration.any()):
-        return ()
     names = [f"position {joints[index]}" for index in np.flatnonzero(position)]
     return (*names, *(f"acceleration {joints[index]}" for index in np.flatnonzero(acceleration)))

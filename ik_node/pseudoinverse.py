@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ik_node.compiled import compiled
 from ik_node.errors import InputError
 from ik_node.se3 import Array
 
@@ -87,11 +88,20 @@ def decompose(matrix: Array, name: str = "matrix", rcond: float | None = None) -
     """
     rows, columns = matrix.shape
     try:
-        u, sigma, vt = np.linalg.svd(matrix, full_matrices=columns > rows)
+        return decomposition(np.ascontiguousarray(matrix), max(rows, columns) * EPSILON if rcond is None else rcond)
     except np.linalg.LinAlgError:
         raise InputError(f"{name} has no singular value decomposition: {matrix.tolist()}") from None
-    cutoff = (max(rows, columns) * EPSILON if rcond is None else rcond) * float(sigma[0])
-    return Decomposition(u, sigma, vt, int(np.count_nonzero(sigma > cutoff)), cutoff)
+
+
+@compiled
+def decomposition(matrix: Array, rcond: float) -> Decomposition:
+    """:func:`decompose` of a C-contiguous matrix; np.linalg.LinAlgError where it is not finite."""
+    rows, columns = matrix.shape
+    u, sigma, vt = np.linalg.svd(matrix, columns > rows)
+    cutoff, rank = rcond * sigma[0], 0
+    while rank < len(sigma) and sigma[rank] > cutoff:
+        rank += 1
+    return Decomposition(np.ascontiguousarray(u), sigma, np.ascontiguousarray(vt), rank, cutoff)
 
 
 def pseudoinverse(matrix: ArrayLike, *, rcond: float | None = None, damping: float = 0.0) -> Pseudoinverse:

@@ -31,9 +31,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ik_node.compiled import compiled, elementwise
 from ik_node.errors import InputError
 from ik_node.pseudoinverse import Decomposition, decompose, finite_matrix, positive_definite
 from ik_node.se3 import Array, vector
+
+IDENTITY = np.zeros((0, 0))
+"""A weight W = I, of any size."""
+NO_GRADIENT = np.zeros(0)
+"""Where there is no potential."""
 
 
 class Resolution(NamedTuple):
@@ -65,10 +71,18 @@ class Resolution(NamedTuple):
     """k that was used, s: the caller's, or less where ``null_space_cap`` asked for it."""
 
 
+@compiled
+def _smooth_fade(ratio: float) -> float:
+    x = min(ratio, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+_smooth_fades = elementwise(_smooth_fade)
+
+
 def smooth_fade(ratio: Array) -> Array:
     """phi(x) = x^2 (3 - 2 x) for x < 1, 1 beyond: goes to 0 and 1 with zero slope. phi(x) / x <= 9/8."""
-    x = np.minimum(ratio, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))
+    return np.asarray(_smooth_fades(ratio))
 
 
 def resolve(
@@ -113,25 +127,28 @@ def resolve(
     Raises InputError naming the argument that has the wrong shape, is not finite, not positive (definite), or negative.
     """
     if checked:
-        matrix, wanted = np.asarray(jacobian), np.asarray(twist)
-        mass = None if weight is None else np.asarray(weight)
-        slope = None if gradient is None else np.asarray(gradient)
-        scale = None if row_scale is None else np.asarray(row_scale)
-        cap = None if null_space_cap is None else np.asarray(null_space_cap)
+        matrix, wanted = np.ascontiguousarray(jacobian), np.asarray(twist)
+        m, n = matrix.shape
+        mass = IDENTITY if weight is None else np.ascontiguousarray(weight)
+        slope = NO_GRADIENT if gradient is None else np.asarray(gradient)
+        scale = np.ones(m) if row_scale is None else np.asarray(row_scale)
+        cap = np.full(n, np.inf) if null_space_cap is None else np.asarray(null_space_cap)
     else:
-        matrix = finite_matrix(jacobian, "jacobian")
+        matrix = np.ascontiguousarray(finite_matrix(jacobian, "jacobian"))
         m, n = matrix.shape
         wanted = vector(twist, m, "twist")
-        mass = None if weight is None else positive_definite(weight, n, "weight")
-        slope = None if gradient is None else vector(gradient, n, "gradient")
-        scale = None if row_scale is None else _positive(row_scale, m, "row_scale")
-        cap = None if null_space_cap is None else _positive(null_space_cap, n, "null_space_cap")
+        mass = IDENTITY if weight is None else positive_definite(weight, n, "weight")
+        slope = NO_GRADIENT if gradient is None else vector(gradient, n, "gradient")
+        scale = np.ones(m) if row_scale is None else _positive(row_scale, m, "row_scale")
+        cap = np.full(n, np.inf) if null_space_cap is None else _positive(null_space_cap, n, "null_space_cap")
         for name, number in (("gain", gain), ("threshold", threshold)):
             if not 0.0 <= number < np.inf:
                 raise InputError(f"{name} is {number}; expected a number >= 0")
-        if gain > 0.0 and slope is None:
+        if gain > 0.0 and gradient is None:
             raise InputError(f"gain is {gain} but there is no gradient")
-    return _solve(matrix, wanted, mass, slope, gain, threshold, scale, cap, parts)
+    if parts is None:
+        parts = decompose(scale[:, None] * matrix, "jacobian")
+    return solution(matrix, wanted, mass, slope, float(gain), float(threshold), scale, cap, parts)
 
 
 def _positive(values: ArrayLike, size: int, name: str) -> Array:
@@ -142,44 +159,38 @@ def _positive(values: ArrayLike, size: int, name: str) -> Array:
     return array
 
 
-def _solve(
+@compiled
+def solution(
     jacobian: Array,
     twist: Array,
-    weight: Array | None,
-    gradient: Array | None,
+    weight: Array,
+    gradient: Array,
     gain: float,
     threshold: float,
-    row_scale: Array | None,
-    cap: Array | None,
-    parts: Decomposition | None,
+    row_scale: Array,
+    cap: Array,
+    parts: Decomposition,
 ) -> Resolution:
+    """:func:`resolve` of C-contiguous arrays that were checked. ``weight`` may be :data:`IDENTITY`, ``gradient``
+    :data:`NO_GRADIENT`; ``parts`` are those of J with its rows times ``row_scale``."""
     m = len(jacobian)
-    if parts is None:
-        parts = decompose(jacobian if row_scale is None else row_scale[:, None] * jacobian, "jacobian")
-    u, sigma, vt, rank, _ = parts
+    sigma, rank = parts.sigma, parts.rank
+    left, rows, null = np.ascontiguousarray(parts.u[:, :rank]), parts.vt[:rank], parts.vt[rank:]
     fade, inverse = _filter(sigma, rank, threshold)
-    left, rows, null = u[:, :rank], vt[:rank], vt[rank:]
-    along = left.T @ (twist if row_scale is None else row_scale * twist)
+    along = (row_scale * twist) @ left
 
     # A direction's velocity is fade / sigma times the twist along it; its multiplier takes the same factor once more.
-    particular = (inverse * along) @ rows
-    task, potential, k = _null_space(particular, weight, gradient, gain, null, cap)
-    moment = inverse * (inverse * along if weight is None else rows @ (weight @ task))
-    multiplier_task = left @ moment
-    if k > 0.0 and gradient is not None:
-        pull = k * gradient if weight is None else k * gradient + weight @ potential
-        multiplier_potential = left @ (inverse * (rows @ pull))
-    else:
-        multiplier_potential = np.zeros(m)
-    if row_scale is not None:
-        multiplier_task = row_scale * multiplier_task
-        multiplier_potential = row_scale * multiplier_potential
+    task, potential, k = _null_space((inverse * along) @ rows, weight, gradient, gain, null, cap)
+    moment = inverse * (rows @ (weight @ task)) if len(weight) else inverse * (inverse * along)
+    multiplier_task = row_scale * (left @ moment)
+    multiplier_potential = np.zeros(m)
+    if k > 0.0:
+        pull = k * gradient + weight @ potential if len(weight) else k * gradient
+        multiplier_potential = row_scale * (left @ (inverse * (rows @ pull)))
 
     attained = twist
     if m > len(sigma) or fade[-1] < 1.0:
-        attained = left @ (fade[:rank] * along)
-        if row_scale is not None:
-            attained = attained / row_scale
+        attained = (left @ (fade[:rank] * along)) / row_scale
     velocity = task + potential
     return Resolution(
         velocity,
@@ -197,45 +208,45 @@ def _solve(
     )
 
 
+@compiled
 def _filter(sigma: Array, rank: int, threshold: float) -> tuple[Array, Array]:
-    """phi of every singular value, and phi / sigma of the first ``rank``: the directions under the constraint.
-
-    The last singular value is the smallest, so one comparison tells whether anything fades.
-    """
-    if threshold > 0.0 and not sigma[-1] >= threshold:
-        x = sigma / threshold
-        # phi / sigma without a division by a vanishing sigma.
-        inverse = np.where(x < 1.0, x * (3.0 - 2.0 * x) / threshold, 1.0 / np.maximum(sigma, threshold))
-        fade, inverse = smooth_fade(x), inverse[:rank]
-    else:
-        fade, inverse = np.ones(len(sigma)), 1.0 / sigma[:rank]
-    fade[rank:] = 0.0
+    """phi of every singular value, and phi / sigma of the first ``rank``: the directions under the constraint."""
+    fade, inverse = np.zeros(len(sigma)), np.empty(rank)
+    for i in range(rank):
+        if sigma[i] < threshold:
+            x = sigma[i] / threshold
+            # phi / sigma without a division by a vanishing sigma.
+            fade[i], inverse[i] = _smooth_fade(x), x * (3.0 - 2.0 * x) / threshold
+        else:
+            fade[i], inverse[i] = 1.0, 1.0 / sigma[i]
     return fade, inverse
 
 
+@compiled
 def _null_space(
-    particular: Array, weight: Array | None, gradient: Array | None, gain: float, null: Array, cap: Array | None
+    particular: Array, weight: Array, gradient: Array, gain: float, null: Array, cap: Array
 ) -> tuple[Array, Array, float]:
     """Task velocity, null-space velocity and the gain used; ``null`` holds a basis of the null space as rows."""
-    freedom = len(null)
     still = np.zeros(len(particular))
-    if freedom == 0:
+    if len(null) == 0:
         return particular, still, gain
-    if weight is not None:
-        weighted = null @ weight
+    weighted = null @ weight if len(weight) else null
+    if len(weight):
         particular = particular - _reduced(weighted, null, weighted @ particular) @ null
-    if gain <= 0.0 or gradient is None:
+    if gain <= 0.0 or len(gradient) == 0:
         return particular, still, 0.0
-    pull = null @ gradient
-    step = (pull if weight is None else _reduced(weighted, null, pull)) @ null
-    if cap is not None:
-        excess = gain * float((np.abs(step) / cap).max())
-        if excess > 1.0:
-            gain /= excess
+    step = _reduced(weighted, null, null @ gradient) @ null
+    excess = 0.0
+    for joint in range(len(step)):
+        excess = max(excess, gain * abs(step[joint]) / cap[joint])
+    if excess > 1.0:
+        gain /= excess
     return particular, -gain * step, gain
 
 
+@compiled
 def _reduced(weighted: Array, null: Array, right: Array) -> Array:
     """(N' W N)^-1 ``right``; one dimension, the usual case, without the cost of a solver."""
-    reduced = weighted @ null.T
-    return np.asarray(right / reduced[0, 0] if len(null) == 1 else np.linalg.solve(reduced, right))
+    if len(null) == 1:
+        return np.asarray(right / (weighted[0] @ null[0]))
+    return np.asarray(np.linalg.solve(weighted @ null.T, right))

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ik_node.compiled import compiled
 from ik_node.errors import RobotError
 from ik_node.mimic import following, masters_range, read_mimics
 from ik_node.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
@@ -187,13 +188,13 @@ class Robot:
         placement = pin.updateFramePlacement(self.model, self.data, self._tip_id)
         # Pinocchio drops the second dimension for an arm of one joint.
         jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, pin.LOCAL).reshape(6, -1)
-        return Kinematics(self._pose_base_root @ placement.homogeneous, self.per_joint(self._columns(jacobian)))
+        rows = np.ascontiguousarray(self.per_joint(self._columns(jacobian)))
+        return Kinematics(self._pose_base_root @ placement.homogeneous, rows)
 
     def dynamics(self, q: Array) -> Dynamics:
         """Mass matrix and gravity gradient at q (n,)."""
         configuration = self._configuration(q)
-        mass = pin.crba(self.model, self.data, configuration)
-        mass = np.triu(mass) + np.triu(mass, 1).T
+        mass = _symmetric(pin.crba(self.model, self.data, configuration))
         gravity = pin.computeGeneralizedGravity(self.model, self.data, configuration)
         if not self._in_model_order:
             mass = mass[np.ix_(self._velocity_index, self._velocity_index)]
@@ -255,3 +256,14 @@ class Robot:
         delta = q_to - q_from
         turns = np.round(delta / (2.0 * np.pi))
         return np.where(self.continuous, delta - 2.0 * np.pi * turns, delta)
+
+
+@compiled
+def _symmetric(upper: Array) -> Array:
+    """A matrix of which Pinocchio computes the upper triangle only."""
+    n = len(upper)
+    matrix = np.empty((n, n))
+    for i in range(n):
+        for j in range(i, n):
+            matrix[i, j] = matrix[j, i] = upper[i, j]
+    return matrix

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node import bounded, se3, small_programs
+from ik_node.closed_form import closed_form
 from ik_node.errors import InputError
-from ik_node.limits import JointBounds, conceded, joint_bounds, motion_limits
+from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
 from ik_node.potentials import dexterity
-from ik_node.resolution import Resolution, resolve
+from ik_node.resolution import IDENTITY, NO_GRADIENT, Resolution, resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
@@ -21,7 +22,7 @@ from ik_node.surroundings import Closest, Lookout, Surroundings
 
 NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
-
+NOTHING, NOTHING_LOST = np.zeros(0), np.zeros(6)
 
 ESCAPE_N = 100.0
 """Push along the null space out of a singularity in which a part of the twist is given up."""
@@ -31,8 +32,6 @@ LEAST_TWIST = 1e-3
 """Twists with no entry beyond this, m/s or rad/s, ask for too little to say so."""
 PATIENCE_S = 1.0
 """For so long the direction is kept all the same."""
-ROUNDING = 1e-9
-"""Trespasses of a limit up to this, rad/s (m/s), are rounding."""
 LETTING_GO_S = 0.5
 """How long the change takes then."""
 
@@ -106,6 +105,8 @@ class TickSolver:
         dodges = settings.control.method == "obstacle_gradient"
         speed = settings.obstacles.evasion_speed if dodges else settings.control.null_space_speed
         self._null_space_cap = np.full(self._robot.n, speed)
+        self._clear = max(settings.singularity.threshold, settings.control.singularity_threshold)
+        self._no_rows = np.zeros((0, self._robot.n))
 
     def memory(self) -> TickMemory:
         """For :meth:`recall`."""
@@ -132,12 +133,18 @@ class TickSolver:
     def follow_twist(self, moment: Moment, twist_b: Array) -> Outcome:
         """The optimum for a body twist V (6,). Raises InputError when no finite answer exists."""
         control = self._control
-        bounds, seen = self._surroundings(moment, control.method == "obstacle_gradient")
+        seen = self._look(moment, control.method == "obstacle_gradient")
         kinematics = self._robot.evaluate(moment.q_middle)
         to_frame = None if control.jacobian == "body" else se3.adjoint(kinematics.pose_sb)
         jacobian, twist = kinematics.jacobian_b, twist_b
         if to_frame is not None:
             jacobian, twist = to_frame @ jacobian, to_frame @ twist
+        weight, gradient = self._cost(moment, seen)
+        gain = 0.0 if gradient is None else control.gradient_gain
+        outcome = self._closed_form(moment, jacobian, twist, weight, gradient, gain, seen, to_frame)
+        if outcome is not None:
+            return outcome
+        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
         passage = pass_singularities(
             self._robot_jacobian,
             moment.q_middle,
@@ -152,8 +159,12 @@ class TickSolver:
             moment.elapsed_s,
             self._memory.scale,
         )
-        weight, gradient = self._cost(moment, seen, 1.0 - passage.keep if passage.state.branch is None else 0.0)
-        gain = 0.0 if gradient is None else control.gradient_gain
+        if passage.keep < 1.0 and passage.state.branch is None and self._robot.n > 6:
+            # The null space is of use to get away from the singularity that the arm started in.
+            push = (1.0 - passage.keep) * ESCAPE_N
+            away = dexterity.dexterity(self._robot_jacobian, moment.q_middle, self._row_scale, push).gradient
+            gradient = away if gradient is None else gradient + away
+            gain = control.gradient_gain
         wanted = resolve(
             passage.jacobian,
             passage.twist,
@@ -203,6 +214,50 @@ class TickSolver:
             passage = passage._replace(lost=lost)
         return self._outcome(wanted, answer, bounds, seen, passage, to_frame)
 
+    def _closed_form(
+        self,
+        moment: Moment,
+        jacobian: Array,
+        twist: Array,
+        weight: Array | None,
+        gradient: Array | None,
+        gain: float,
+        seen: Surroundings | None,
+        to_frame: Array | None,
+    ) -> Outcome | None:
+        """The outcome where no singularity is near and nothing binds; None where that is not so."""
+        rows, least = (self._no_rows, NOTHING) if seen is None else seen.dampers[:2]
+        answer = closed_form(
+            jacobian,
+            twist,
+            self._row_scale,
+            self._clear,
+            IDENTITY if weight is None else weight,
+            NO_GRADIENT if gradient is None else gradient,
+            gain,
+            self._null_space_cap,
+            self.limits,
+            moment.q,
+            moment.previous,
+            moment.elapsed_s,
+            rows,
+            least,
+        )
+        if not answer.holds:
+            return None
+        elapsed_s, (passage, _, blocked_s) = moment.elapsed_s, self._memory
+        free = passage._replace(
+            lost_s=max(0.0, passage.lost_s - elapsed_s), decision="free", kept=1.0, abreast_s=0.0, branch=None
+        )
+        self._memory = TickMemory(free, 1.0, max(blocked_s - elapsed_s, 0.0))
+        task, potential = answer.multiplier_task, answer.multiplier_potential
+        if to_frame is not None:
+            task, potential = to_frame.T @ task, to_frame.T @ potential
+        closest = NOTHING_SEEN if seen is None else seen.closest
+        return Outcome(
+            answer.joint_velocity, 1.0, 1.0, NOTHING_LOST, task, potential, answer.singular_values, (), (), closest
+        )
+
     def _blocked(self, part: float, fastest: float, elapsed_s: float) -> float:
         """For how long the arm has been standing before a limit, s: next to nothing of a twist was done."""
         if part < STANDSTILL and fastest > LEAST_TWIST:
@@ -237,7 +292,8 @@ class TickSolver:
 
         There is no method and no multiplier: the joints are given. Raises InputError when no finite answer exists.
         """
-        bounds, seen = self._surroundings(moment, False)
+        seen = self._look(moment, False)
+        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
         dampers = None if seen is None else seen.dampers
         answer = bounded.solve(np.eye(self._robot.n), wanted, bounds.lo, bounds.hi, dampers=dampers)
         jacobian = self._robot.evaluate(moment.q_middle).jacobian_b * self._row_scale[:, None]
@@ -255,27 +311,18 @@ class TickSolver:
             NOTHING_SEEN if seen is None else seen.closest,
         )
 
-    def _surroundings(self, moment: Moment, repel: bool) -> tuple[JointBounds, Surroundings | None]:
+    def _look(self, moment: Moment, repel: bool) -> Surroundings | None:
         limits = self.limits
-        bounds = joint_bounds(limits, moment.q, moment.previous, moment.elapsed_s)
         change = limits.acceleration * min(max(moment.elapsed_s, 0.0), limits.dt_max_s)
-        seen = self.lookout.look(moment.q, moment.previous, change, limits.dt_max_s, moment.time_ns, repel)
-        return bounds, seen
+        return self.lookout.look(moment.q, moment.previous, change, limits.dt_max_s, moment.time_ns, repel)
 
-    def _cost(self, moment: Moment, seen: Surroundings | None, lost: float) -> tuple[Array | None, Array | None]:
-        """Weight and gradient of the method, the secondary gradients added.
-
-        ``lost`` in 0..1: how much of a direction is being given up. An arm that has a null space uses it then to get
-        away from the singularity.
-        """
+    def _cost(self, moment: Moment, seen: Surroundings | None) -> tuple[Array | None, Array | None]:
+        """Weight and gradient of the method, the secondary gradients added."""
         repulsion = None if seen is None else seen.potential.gradient
         weight, gradient = self._method(self._robot, moment.q_middle, repulsion)
         secondary = self.lookout.secondary_gradient(moment.q)
         if secondary is not None:
             gradient = secondary if gradient is None else gradient + secondary
-        if lost > 0.0 and self._robot.n > 6:
-            away = dexterity.dexterity(self._robot_jacobian, moment.q_middle, self._row_scale, lost * ESCAPE_N).gradient
-            gradient = away if gradient is None else gradient + away
         return weight, gradient
 
     def _outcome(

@@ -37,10 +37,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik_node import small_programs
+from ik_node.compiled import compiled
 from ik_node.errors import InputError
 from ik_node.limits import JointBounds, cause
-from ik_node.pseudoinverse import EPSILON, decompose
-from ik_node.resolution import Resolution, resolve
+from ik_node.pseudoinverse import EPSILON, Decomposition, decompose
+from ik_node.resolution import IDENTITY, Resolution, resolve
 from ik_node.se3 import Array
 
 Flags = NDArray[np.bool_]
@@ -118,31 +119,39 @@ def solve(
     row_scale: Array | None = None,
     null_space_cap: Array | None = None,
     dampers: Dampers | None = None,
+    free: Resolution | None = None,
+    parts: Decomposition | None = None,
 ) -> Bounded:
     """The optimum of the module's problem. Arguments as in :func:`ik_node.resolution.resolve`, unchecked, and the box.
 
     ``jacobian`` J (m, n), ``twist`` V_f (m,) in one frame; ``lo``, ``hi`` (n,), lo <= hi, rad/s (m/s), may be infinite;
     ``gradient`` grad_h (n,), ``gain`` k in s, lowered until no joint's part of the null-space velocity exceeds
-    ``null_space_cap``. V_f is projected on the range of J where it does not lie in it.
+    ``null_space_cap``. V_f is projected on the range of J where it does not lie in it. ``free`` and ``parts``, where
+    the caller has them: the answer without the box, and the decomposition of J with its rows times ``row_scale``.
 
     Raises InputError when the box is empty, or when what went in is so far from finite that nothing can be said.
     """
     if not (lo <= hi).all():
         raise InputError(f"the box of joint velocities is empty: {lo.tolist()} to {hi.tolist()}")
-    free = resolve(
-        jacobian,
-        twist,
-        weight,
-        gradient,
-        gain,
-        row_scale=row_scale,
-        null_space_cap=null_space_cap,
-        checked=True,
-    )
+    scale = np.ones(len(jacobian)) if row_scale is None else row_scale
+    if parts is None:
+        parts = decompose(scale[:, None] * jacobian, "jacobian")
+    if free is None:
+        free = resolve(
+            jacobian,
+            twist,
+            weight,
+            gradient,
+            gain,
+            row_scale=scale,
+            null_space_cap=null_space_cap,
+            checked=True,
+            parts=parts,
+        )
     qd = free.joint_velocity
     if (qd >= lo).all() and (qd <= hi).all() and (dampers is None or (dampers.rows @ qd >= dampers.least).all()):
         return _unbound(free, jacobian, lo, hi, dampers)
-    return _bound(free, jacobian, twist, lo, hi, weight, gradient, row_scale, dampers)
+    return _bound(free, parts, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
 
 
 def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: Dampers | None) -> Bounded:
@@ -165,13 +174,14 @@ def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: D
 
 def _bound(
     free: Resolution,
+    parts: Decomposition,
     jacobian: Array,
     twist: Array,
     lo: Array,
     hi: Array,
     weight: Array | None,
     gradient: Array | None,
-    row_scale: Array | None,
+    row_scale: Array,
     dampers: Dampers | None,
 ) -> Bounded:
     n = len(lo)
@@ -186,40 +196,28 @@ def _bound(
         rows = np.where(moved[:, None], dampers.rows / size[:, None], 0.0)
         least = np.where(moved, (dampers.least - slack) / size, -1.0)
 
-    scaled = jacobian if row_scale is None else row_scale[:, None] * jacobian
-    parts = decompose(scaled, "jacobian")
-    scaled_twist = twist if row_scale is None else row_scale * twist
-    along = parts.u[:, : parts.rank].T @ scaled_twist
-    ray, null = (along / parts.sigma[: parts.rank]) @ parts.vt[: parts.rank], parts.vt[parts.rank :]
-
-    # Every inequality as  alpha s + zeta z <= beta .
-    sides = np.concatenate((np.eye(n), -np.eye(n), -rows)) if len(rows) else np.concatenate((np.eye(n), -np.eye(n)))
+    scaled_twist = row_scale * twist
+    ray, null, rounding = _ray(parts, scaled_twist, float(np.abs(twist).max()))
     base_scale = 0.0
     if base.any():
-        limits = np.concatenate((hi, -lo, -least))
-        entry = small_programs.entry(small_programs.Program(sides @ ray, sides @ null.T, limits))
+        program = _program(ray, null, np.zeros(n), lo, hi, rows, least, small_programs.ROUNDING)
+        entry = small_programs.entry(program)
         if entry is None:
+            scaled = row_scale[:, None] * jacobian
             base, base_scale = small_programs.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
         else:
             base_scale = entry[0]
             base = np.minimum(np.maximum(base_scale * ray + entry[1] @ null, lo), hi)
     direction = (1.0 - base_scale) * ray
+    program = _program(direction, null, base, lo, hi, rows, least, rounding)
     # At the base point (no further along the ray, z = 0) all of them hold.
-    beta = np.concatenate((hi - base, base - lo, rows @ base - least))
-    # Near a singularity the direction itself is known no better than this.
-    smallest = float(parts.sigma[parts.rank - 1]) if parts.rank else 1.0
-    rounding = min(max(ROUNDING, 4.0 * EPSILON * float(np.abs(twist).max()) / smallest), MOST_ROUNDING)
-    program = small_programs.Program(sides @ direction, sides @ null.T, np.maximum(beta, 0.0), rounding)
+    program = program._replace(beta=np.maximum(program.beta, 0.0))
+    mass = IDENTITY if weight is None else weight
     pull = np.zeros(n) if gradient is None else free.gain * gradient
-
-    def cost(scale: float) -> small_programs.Cost:
-        start = base + scale * direction
-        weighted = null if weight is None else null @ weight
-        return small_programs.Cost(weighted @ null.T, weighted @ start + null @ pull)
-
-    found = small_programs.optimum(program, cost)
+    found = small_programs.optimum(program, _cost(null, mass, base, direction, pull))
     if found is None:
-        scale = small_programs.smallest_ratio(sides @ (free.joint_velocity - base), program.beta, ROUNDING)
+        whole = _program(free.joint_velocity - base, null, base, lo, hi, rows, least, ROUNDING)
+        scale = small_programs.smallest_ratio(whole.alpha, program.beta, ROUNDING)
         qd, fallback = base + scale * (free.joint_velocity - base), True
     else:
         scale, coordinates = found
@@ -240,3 +238,43 @@ def _bound(
         fallback,
         free,
     )
+
+
+@compiled
+def _ray(parts: Decomposition, scaled_twist: Array, fastest: float) -> tuple[Array, Array, float]:
+    """The joint velocity of the twist, (n,), the null space as rows, and how well the first is known, rad/s (m/s).
+
+    ``fastest``: the largest entry of the twist.
+    """
+    rank = parts.rank
+    along = scaled_twist @ np.ascontiguousarray(parts.u[:, :rank])
+    # Near a singularity the direction itself is known no better than this.
+    smallest = parts.sigma[rank - 1] if rank else 1.0
+    rounding = min(max(ROUNDING, 4.0 * EPSILON * fastest / smallest), MOST_ROUNDING)
+    return (along / parts.sigma[:rank]) @ parts.vt[:rank], parts.vt[rank:], rounding
+
+
+@compiled
+def _program(
+    direction: Array, null: Array, base: Array, lo: Array, hi: Array, rows: Array, least: Array, rounding: float
+) -> small_programs.Program:
+    """Box and dampers for qd = ``base`` + s ``direction`` + z' ``null``, as  alpha s + zeta z <= beta ."""
+    n, d, k = len(base), len(null), len(least)
+    alpha, zeta, beta = np.empty(2 * n + k), np.empty((2 * n + k, d)), np.empty(2 * n + k)
+    for i in range(n):
+        alpha[i], alpha[n + i] = direction[i], -direction[i]
+        beta[i], beta[n + i] = hi[i] - base[i], base[i] - lo[i]
+        for j in range(d):
+            zeta[i, j], zeta[n + i, j] = null[j, i], -null[j, i]
+    for r in range(k):
+        alpha[2 * n + r], beta[2 * n + r] = -(rows[r] @ direction), rows[r] @ base - least[r]
+        for j in range(d):
+            zeta[2 * n + r, j] = -(rows[r] @ null[j])
+    return small_programs.Program(alpha, zeta, beta, rounding)
+
+
+@compiled
+def _cost(null: Array, weight: Array, base: Array, direction: Array, pull: Array) -> small_programs.Cost:
+    """1/2 qd' W qd + ``pull``' qd for qd = ``base`` + s ``direction`` + z' ``null``, as far as it hangs on z."""
+    weighted = null @ weight if len(weight) else null
+    return small_programs.Cost(weighted @ null.T, weighted @ base + null @ pull, weighted @ direction)

@@ -10,12 +10,12 @@ Those two are solved exactly, without a solver. The others go to DAQP, and its a
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import daqp
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 
 ROUNDING = 1e-12
@@ -45,53 +45,79 @@ class Program(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """1/2 z' ``hessian`` z + ``slope``' z; (d, d) positive definite, (d,)."""
+    """1/2 z' ``hessian`` z + (``slope`` + s ``change``)' z; (d, d) positive definite, (d,), (d,)."""
 
     hessian: Array
     slope: Array
+    change: Array
 
 
-def optimum(program: Program, cost: Callable[[float], Cost]) -> tuple[float, Array] | None:
-    """The largest s, and the z of least ``cost`` (s) for it; None where no answer passed its check."""
-    dimensions = program.zeta.shape[1]
-    if dimensions == 0:
+def optimum(program: Program, cost: Cost) -> tuple[float, Array] | None:
+    """The largest s, and the z of least ``cost`` for it; None where no answer passed its check."""
+    return _many(program, cost) if len(cost.slope) > 1 else _few(program, cost)
+
+
+@compiled
+def _few(program: Program, cost: Cost) -> tuple[float, Array]:
+    """No z, or one: Fourier-Motzkin elimination gives s, an interval then holds z."""
+    if len(cost.slope) == 0:
         return smallest_ratio(program.alpha, program.beta, program.rounding), np.zeros(0)
-    if dimensions == 1:
-        return _one(program, cost)
-    return _many(program, cost)
-
-
-def smallest_ratio(alpha: Array, beta: Array, rounding: float) -> float:
-    """The largest s in [0, 1] with ``alpha`` s <= ``beta``, beta >= 0."""
-    limits = alpha > beta + rounding
-    if not limits.any():
-        return 1.0
-    return float(np.min(beta[limits] / alpha[limits]))
-
-
-def _one(program: Program, cost: Callable[[float], Cost]) -> tuple[float, Array]:
-    """One z: Fourier-Motzkin elimination gives s, an interval then holds z."""
-    alpha, zeta, beta = program.alpha, program.zeta[:, 0], program.beta
-    up, down = zeta > ROUNDING, zeta < -ROUNDING
-    rest = ~(up | down)
-    # Row i, which bounds z from above, and row j, from below, each times the other's |zeta|: z drops out.
-    above, below = zeta[up], -zeta[down]
-    pair_alpha = np.outer(alpha[up], below) + np.outer(above, alpha[down])
-    pair_beta = np.outer(beta[up], below) + np.outer(above, beta[down])
-    size = above[:, None] + below[None, :]
-    s = smallest_ratio((pair_alpha / size).ravel(), (pair_beta / size).ravel(), program.rounding)
-    if rest.any():
-        s = min(s, smallest_ratio(alpha[rest], beta[rest], program.rounding))
-    room = beta - alpha * s
-    highest = float(np.min(room[up] / above)) if up.any() else np.inf
-    lowest = float(np.max(-room[down] / below)) if down.any() else -np.inf
-    terms = cost(s)
-    z = -terms.slope[0] / terms.hessian[0, 0]
+    alpha, beta = _without_z(program)
+    s = smallest_ratio(alpha, beta, program.rounding)
+    lowest, highest = _interval(program, s)
+    z = -(cost.slope[0] + s * cost.change[0]) / cost.hessian[0, 0]
     z = 0.5 * (lowest + highest) if lowest > highest else min(max(z, lowest), highest)
     return s, np.array([z])
 
 
-def _many(program: Program, cost: Callable[[float], Cost]) -> tuple[float, Array] | None:
+@compiled
+def smallest_ratio(alpha: Array, beta: Array, rounding: float) -> float:
+    """The largest s in [0, 1] with ``alpha`` s <= ``beta``, beta >= 0."""
+    s = 1.0
+    for i in range(len(alpha)):
+        if alpha[i] > beta[i] + rounding:
+            s = min(s, beta[i] / alpha[i])
+    return s
+
+
+@compiled
+def _without_z(program: Program) -> tuple[Array, Array]:
+    """What the rows say of s alone: those without the one z, and each pair of which z drops out.
+
+    Row i, which bounds z from above, and row j, from below, each times the other's |zeta|. Rows without a finite limit
+    say nothing.
+    """
+    alpha, zeta, beta = program.alpha, program.zeta[:, 0], program.beta
+    most = len(beta) + len(beta) * len(beta) // 4
+    found_alpha, found_beta, count = np.empty(most), np.empty(most), 0
+    for i in range(len(beta)):
+        if zeta[i] > ROUNDING:
+            for j in range(len(beta)):
+                if zeta[j] < -ROUNDING:
+                    size = zeta[i] - zeta[j]
+                    found_alpha[count] = (zeta[i] * alpha[j] - zeta[j] * alpha[i]) / size
+                    found_beta[count] = (zeta[i] * beta[j] - zeta[j] * beta[i]) / size
+                    count += 1
+        elif zeta[i] >= -ROUNDING:
+            found_alpha[count], found_beta[count] = alpha[i], beta[i]
+            count += 1
+    return found_alpha[:count], found_beta[:count]
+
+
+@compiled
+def _interval(program: Program, s: float) -> tuple[float, float]:
+    """Where the one z may be at this s."""
+    lowest, highest = -np.inf, np.inf
+    for i in range(len(program.beta)):
+        zeta, room = program.zeta[i, 0], program.beta[i] - program.alpha[i] * s
+        if zeta > ROUNDING:
+            highest = min(highest, room / zeta)
+        elif zeta < -ROUNDING:
+            lowest = max(lowest, room / zeta)
+    return lowest, highest
+
+
+def _many(program: Program, cost: Cost) -> tuple[float, Array] | None:
     """More z than one. DAQP's linear programs end within 1e-6 of the optimum, at points that obey the rows to 1e-10;
     the active-set method goes on from there to the vertex, and then to the least cost."""
     dimensions = program.zeta.shape[1]
@@ -114,17 +140,16 @@ def _many(program: Program, cost: Callable[[float], Cost]) -> tuple[float, Array
     if best is None:
         return None
     s = min(max(float(best[0]), 0.0), 1.0)
-    terms = cost(s)
-    z = descend(terms.hessian, terms.slope, zeta, beta - s * alpha, best[1:])
+    z = descend(cost.hessian, cost.slope + s * cost.change, zeta, beta - s * alpha, best[1:])
     return s, best[1:] if z is None else z
 
 
-def _full_scale(alpha: Array, zeta: Array, beta: Array, cost: Callable[[float], Cost]) -> Array | None:
+def _full_scale(alpha: Array, zeta: Array, beta: Array, cost: Cost) -> Array | None:
     """The z of least cost at s = 1, the usual case; None where s has to be less."""
-    terms, room = cost(1.0), beta - alpha
+    room = beta - alpha
     unlimited = np.full(len(room), -UNLIMITED)
-    hessian, rows = np.ascontiguousarray(terms.hessian), np.ascontiguousarray(zeta)
-    z, _, flag, _ = daqp.solve(hessian, terms.slope, rows, room, unlimited, primal_tol=1e-11)
+    hessian, rows = np.ascontiguousarray(cost.hessian), np.ascontiguousarray(zeta)
+    z, _, flag, _ = daqp.solve(hessian, cost.slope + cost.change, rows, room, unlimited, primal_tol=1e-11)
     return np.asarray(z) if flag == 1 and _fits(zeta @ z, room) else None
 
 
@@ -196,43 +221,38 @@ def entry(program: Program) -> tuple[float, Array] | None:
 
     Here ``beta`` may be negative: s = 0, z = 0 need not be allowed.
     """
-    dimensions = program.zeta.shape[1]
-    if dimensions > 1:
+    if program.zeta.shape[1] > 1:
         return _entry_of_many(program)
-    alpha, beta = program.alpha, program.beta
-    if dimensions == 0:
-        ends = _range(alpha, beta, program.rounding)
-        return None if ends is None else (ends[0], np.zeros(0))
-    zeta = program.zeta[:, 0]
-    up, down = zeta > ROUNDING, zeta < -ROUNDING
-    rest = ~(up | down)
-    above, below = zeta[up], -zeta[down]
-    size = above[:, None] + below[None, :]
-    pair_alpha = (np.outer(alpha[up], below) + np.outer(above, alpha[down])) / size
-    pair_beta = (np.outer(beta[up], below) + np.outer(above, beta[down])) / size
-    finite = np.isfinite(pair_beta)
-    ends = _range(
-        np.concatenate((pair_alpha[finite], alpha[rest])),
-        np.concatenate((pair_beta[finite], beta[rest])),
-        program.rounding,
-    )
-    if ends is None:
-        return None
-    room = beta - alpha * ends[0]
-    highest = float(np.min(room[up] / above)) if up.any() else np.inf
-    lowest = float(np.max(-room[down] / below)) if down.any() else -np.inf
+    s, z = _entry_of_few(program)
+    return None if np.isnan(s) else (s, z)
+
+
+@compiled
+def _entry_of_few(program: Program) -> tuple[float, Array]:
+    """:func:`entry` without z or with one; NaN where there is none."""
+    if program.zeta.shape[1] == 0:
+        return _least(program.alpha, program.beta, program.rounding), np.zeros(0)
+    alpha, beta = _without_z(program)
+    s = _least(alpha, beta, program.rounding)
+    lowest, highest = _interval(program, s)
     middle = 0.5 * (lowest + highest)
-    return ends[0], np.array([middle if np.isfinite(middle) else 0.0])
+    return s, np.array([middle if np.isfinite(middle) else 0.0])
 
 
-def _range(alpha: Array, beta: Array, rounding: float) -> tuple[float, float] | None:
-    """Least and largest s in [0, 1] with ``alpha`` s <= ``beta``; None where there is none."""
-    too_small, too_large = beta < -rounding, alpha > beta + rounding
-    if (too_small & (alpha >= 0.0)).any() or (too_large & (alpha <= 0.0)).any():
-        return None
-    least = float(np.max(beta[too_small] / alpha[too_small], initial=0.0))
-    largest = float(np.min(beta[too_large] / alpha[too_large], initial=1.0))
-    return (least, largest) if least <= largest else None
+@compiled
+def _least(alpha: Array, beta: Array, rounding: float) -> float:
+    """The least s in [0, 1] with ``alpha`` s <= ``beta``; NaN where there is none."""
+    least, largest = 0.0, 1.0
+    for i in range(len(alpha)):
+        if beta[i] < -rounding:
+            if alpha[i] >= 0.0:
+                return np.nan
+            least = max(least, beta[i] / alpha[i])
+        if alpha[i] > beta[i] + rounding:
+            if alpha[i] <= 0.0:
+                return np.nan
+            largest = min(largest, beta[i] / alpha[i])
+    return least if least <= largest else np.nan
 
 
 def _entry_of_many(program: Program) -> tuple[float, Array] | None:

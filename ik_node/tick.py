@@ -189,6 +189,8 @@ class TickSolver:
                 row_scale=self._row_scale,
                 null_space_cap=self._null_space_cap,
                 dampers=None if seen is None else seen.dampers,
+                free=wanted,
+                parts=passage.parts,
             )
         if passage.singular_values[-1] < control.singularity_threshold:
             # Exactly, the multiplier grows without bound; what is published fades out with the lost direction.

@@ -16,6 +16,7 @@ from ik_node.benchmark import optimum
 from ik_node.bounded import Bounded, Dampers
 from ik_node.errors import InputError
 from ik_node.limits import joint_bounds, motion_limits
+from ik_node.pseudoinverse import decompose
 from ik_node.resolution import resolve
 from ik_node.se3 import Array
 from ik_node.settings import LimitSettings
@@ -55,7 +56,10 @@ def test_the_long_way_gives_the_closed_form_where_nothing_binds() -> None:
                 continue
             qd = free.joint_velocity
             lo, hi = np.minimum(qd, 0.0) - 1e-7, np.maximum(qd, 0.0) + 1e-7
-            long_way = bounded._bound(free, task.jacobian, task.twist, lo, hi, task.weight, task.gradient, None, None)
+            parts = decompose(task.jacobian)
+            long_way = bounded._bound(
+                free, parts, task.jacobian, task.twist, lo, hi, task.weight, task.gradient, np.ones(6), None
+            )
             assert long_way.scale == 1.0
             assert long_way.joint_velocity == pytest.approx(qd, abs=1e-8)
             assert not long_way.binds

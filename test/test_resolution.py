@@ -65,7 +65,7 @@ def test_stationarity_and_constraint(shape: tuple[int, int]) -> None:
             pull = np.zeros(n) if gradient is None else gain * gradient
             np.testing.assert_allclose(metric @ result.joint_velocity + pull, j.T @ result.multiplier, atol=1e-12)
             np.testing.assert_allclose(j.T @ result.residual, 0.0, atol=1e-12)
-            np.testing.assert_allclose(result.residual, v - j @ result.joint_velocity, atol=1e-15)
+            np.testing.assert_allclose(result.residual, v - j @ result.joint_velocity, atol=1e-13)
             if m <= n:
                 np.testing.assert_allclose(result.residual, 0.0, atol=1e-13)
                 assert np.array_equal(result.attained, v)

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.dispatcher import Dispatcher
 
 from ik_node.source import source_digest
 
@@ -50,21 +49,22 @@ CACHE = Path(os.environ["NUMBA_CACHE_DIR"]) if "NUMBA_CACHE_DIR" in os.environ e
 if CACHE is not None:
     numba.config.CACHE_DIR = str(CACHE)
 
-_compiled: list[Dispatcher] = []
+_dispatchers: list[Any] = []
+_ufuncs: list[Any] = []
 
 
 def compiled(function: Function) -> Function:
     """``function`` as machine code; division by zero gives inf or NaN, as in NumPy, and indices are not checked."""
-    dispatcher = numba.njit(cache=CACHE is not None, error_model="numpy")(function)
-    _compiled.append(dispatcher)
-    return cast(Function, dispatcher)
+    _dispatchers.append(numba.njit(cache=CACHE is not None, error_model="numpy")(function))
+    return cast(Function, _dispatchers[-1])
 
 
 def elementwise(function: Function) -> Callable[..., Any]:
     """A function of numbers as one of arrays, with NumPy's broadcasting."""
-    return cast(Callable[..., Any], numba.vectorize(cache=CACHE is not None)(function))
+    _ufuncs.append(numba.vectorize(cache=CACHE is not None)(function))
+    return cast(Callable[..., Any], _ufuncs[-1])
 
 
 def compilations() -> int:
     """How often something has been compiled, or fetched from where it is kept, in this process."""
-    return sum(len(dispatcher.signatures) for dispatcher in _compiled)
+    return sum(len(one.signatures) for one in _dispatchers) + sum(len(one.types) for one in _ufuncs)

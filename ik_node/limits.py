@@ -181,25 +181,22 @@ def cause(bounds: JointBounds, joint: int, upper: bool) -> str:
 
 
 @compiled
-def nothing_conceded(bounds: JointBounds, tolerance: float = ROUNDING) -> bool:
+def nothing_conceded(bounds: JointBounds) -> bool:
     """True where :func:`conceded` has nothing to say."""
     for i in range(len(bounds.lo)):
         lo, hi = bounds.lo[i], bounds.hi[i]
-        if bounds.position_hi[i] < hi - tolerance or bounds.position_lo[i] > lo + tolerance:
+        if bounds.position_hi[i] < hi - ROUNDING or bounds.position_lo[i] > lo + ROUNDING:
             return False
-        if bounds.reach_hi[i] < lo - tolerance or bounds.reach_lo[i] > hi + tolerance:
+        if bounds.reach_hi[i] < lo - ROUNDING or bounds.reach_lo[i] > hi + ROUNDING:
             return False
     return True
 
 
-def conceded(bounds: JointBounds, joints: tuple[str, ...], tolerance: float = ROUNDING) -> tuple[str, ...]:
-    """Limits that had to give way to a stronger one, by name, e.g. ``position panda_joint4``; the usual answer is ().
-
-    ``tolerance``, rad/s (m/s): what counts as rounding.
-    """
-    if nothing_conceded(bounds, tolerance):
+def conceded(bounds: JointBounds, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Limits that had to give way to a stronger one, by name: ``position panda_joint4``; the usual answer is ()."""
+    if nothing_conceded(bounds):
         return ()
-    position = (bounds.position_hi < bounds.hi - tolerance) | (bounds.position_lo > bounds.lo + tolerance)
-    acceleration = (bounds.reach_hi < bounds.lo - tolerance) | (bounds.reach_lo > bounds.hi + tolerance)
+    position = (bounds.position_hi < bounds.hi - ROUNDING) | (bounds.position_lo > bounds.lo + ROUNDING)
+    acceleration = (bounds.reach_hi < bounds.lo - ROUNDING) | (bounds.reach_lo > bounds.hi + ROUNDING)
     names = [f"position {joints[index]}" for index in np.flatnonzero(position)]
     return (*names, *(f"acceleration {joints[index]}" for index in np.flatnonzero(acceleration)))

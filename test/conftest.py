@@ -6,6 +6,8 @@ import os
 import tempfile
 from pathlib import Path
 
+import pytest
+
 PROJECT = Path(__file__).resolve().parent.parent
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -14,3 +16,14 @@ os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROJECT / "config" / "fastdds
 os.environ.setdefault("ROS_LOG_DIR", tempfile.mkdtemp(prefix="ik_node_test_log_"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("RMW_IMPLEMENTATION", None)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compiles once what the test processes would else all compile at the same time."""
+    if not hasattr(config, "workerinput"):
+        from loop import make_robot
+
+        from ik_node.rehearsal import rehearse
+        from ik_node.settings import Settings
+
+        rehearse(make_robot("panda"), Settings())

@@ -22,6 +22,7 @@ from ik_node.catalogue import robot_from
 from ik_node.clock import NS
 from ik_node.errors import IkNodeError, SettingsError
 from ik_node.recording.reader import load_run
+from ik_node.rehearsal import rehearse
 from ik_node.report import FILE_NAME, Truth, as_json, as_text, figures, truth_from, write_truth
 from ik_node.report.picture import draw
 from ik_node.ros.demo_node import DemoNode
@@ -33,7 +34,8 @@ from ik_node.trajectory import pose_file, shapes
 from ik_node.trajectory.motion import Trajectory
 from ik_node.trajectory.pose_file import PoseFileFormat, PoseFileTrajectory
 
-READY_TIMEOUT_S = 30.0
+READY_TIMEOUT_S = 120.0
+"""Where compiled functions cannot be kept on disk, the node compiles them anew."""
 STREAM_RATE_HZ = 50.0
 REST_S = 0.6
 """After the last target: long enough to see that the end of the stream is noticed."""
@@ -77,6 +79,8 @@ class Demonstration:
             signal.signal(number, self._on_signal)
         out = self._options.out
         out.mkdir(parents=True)
+        print("compiling what is not yet: half a minute at the first start, a second at any other", flush=True)
+        rehearse(self._robot, Settings())
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             with self._simulator(out) as simulator, self._node(out) as node:

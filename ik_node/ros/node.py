@@ -18,6 +18,8 @@ from ik_node.errors import IkNodeError, InputError, RecordingError
 from ik_node.inputs import frames_of
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.calls import INPUTS, Input
+from ik_node.rehearsal import rehearse
+from ik_node.robot import Robot
 from ik_node.ros import parameters, qos
 from ik_node.ros.message_class import message_class
 from ik_node.ros.publishing import StepPublisher
@@ -73,6 +75,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             settings = parameters.read(self)
             robot = robot_from(settings.arm, self._described)
             self._controller = Controller(robot, settings)
+            self._rehearse(robot, settings)
             self._publisher.configure(robot, settings)
         except IkNodeError as error:
             self.get_logger().error(f"not configured: {error}")
@@ -92,6 +95,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {moved}")
         self.get_logger().info(self._controller.pairs)
         return TransitionCallbackReturn.SUCCESS
+
+    def _rehearse(self, robot: Robot, settings: Settings) -> None:
+        began = time.monotonic()
+        if rehearse(robot, settings):
+            self.get_logger().info(f"compiled functions are ready after {time.monotonic() - began:.1f} s")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Goes on from the measured position; until a target comes it is held."""

@@ -37,20 +37,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ik_node import small_programs
-from ik_node.compiled import compiled
 from ik_node.errors import InputError
+from ik_node.few_unknowns import (
+    BINDING,
+    DAMPER_BINDING,
+    ROUNDING,
+    Found,
+    Line,
+    at_the_base,
+    cost_along,
+    line_of,
+    program_along,
+    search,
+    smallest_ratio,
+    unit_rows,
+)
 from ik_node.limits import JointBounds, cause
-from ik_node.pseudoinverse import EPSILON, Decomposition, decompose
+from ik_node.pseudoinverse import Decomposition, decompose
 from ik_node.resolution import IDENTITY, Resolution, resolve
 from ik_node.se3 import Array
 
 Flags = NDArray[np.bool_]
-
-ROUNDING = 1e-12
-"""By how much a constraint may be exceeded before it counts as binding, rad/s (m/s); answers are clipped to it."""
-
-MOST_ROUNDING = 1e-10
-"""The same near singularities, where rounding is larger."""
 
 
 class Dampers(NamedTuple):
@@ -97,14 +104,23 @@ class Bounded(NamedTuple):
 
     def binding(self, bounds: JointBounds, joints: tuple[str, ...], dampers: Dampers | None = None) -> tuple[str, ...]:
         """What bound, by name: ``velocity panda_joint4``, ``acceleration ...``, ``position ...``, ``damper ...``."""
-        if not self.binds:
-            return ()
-        sides = [(joint, False) for joint in np.flatnonzero(self.at_lower).tolist()]
-        sides += [(joint, True) for joint in np.flatnonzero(self.at_upper & ~self.at_lower).tolist()]
-        names = [f"{cause(bounds, joint, upper)} {joints[joint]}" for joint, upper in sorted(sides)]
-        if dampers is not None:
-            names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(self.damper_active).tolist()]
-        return tuple(names)
+        names = () if dampers is None else dampers.names
+        return names_of_binding(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
+
+
+def names_of_binding(
+    at_lower: Flags,
+    at_upper: Flags,
+    damper_active: Flags,
+    bounds: JointBounds,
+    joints: tuple[str, ...],
+    dampers: tuple[str, ...],
+) -> tuple[str, ...]:
+    """What bound, by name; of a joint whose box is a point, the lower side."""
+    sides = enumerate(zip(at_lower.tolist(), at_upper.tolist(), strict=True))
+    names = [f"{cause(bounds, joint, not low)} {joints[joint]}" for joint, (low, high) in sides if low or high]
+    names += [f"damper {name}" for name, active in zip(dampers, damper_active.tolist(), strict=False) if active]
+    return tuple(names)
 
 
 def solve(
@@ -189,92 +205,65 @@ def _bound(
     rows, least = np.zeros((0, n)), np.zeros(0)
     if dampers is not None and len(dampers.least):
         base, slack = small_programs.nearest_to_rest(base, lo, hi, dampers.rows, dampers.least)
-        # Unit rows, so that one tolerance serves all. A row that no joint moves says nothing any more.
-        size = np.sqrt(np.einsum("ij,ij->i", dampers.rows, dampers.rows))
-        moved = size > ROUNDING
-        size = np.where(moved, size, 1.0)
-        rows = np.where(moved[:, None], dampers.rows / size[:, None], 0.0)
-        least = np.where(moved, (dampers.least - slack) / size, -1.0)
+        rows, least = unit_rows(dampers.rows, dampers.least - slack)
 
     scaled_twist = row_scale * twist
-    ray, null, rounding = _ray(parts, scaled_twist, float(np.abs(twist).max()))
-    base_scale = 0.0
-    if base.any():
-        program = _program(ray, null, np.zeros(n), lo, hi, rows, least, small_programs.ROUNDING)
-        entry = small_programs.entry(program)
-        if entry is None:
-            scaled = row_scale[:, None] * jacobian
-            base, base_scale = small_programs.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
-        else:
-            base_scale = entry[0]
-            base = np.minimum(np.maximum(base_scale * ray + entry[1] @ null, lo), hi)
-    direction = (1.0 - base_scale) * ray
-    program = _program(direction, null, base, lo, hi, rows, least, rounding)
-    # At the base point (no further along the ray, z = 0) all of them hold.
-    program = program._replace(beta=np.maximum(program.beta, 0.0))
+    line = line_of(parts, scaled_twist, float(np.abs(twist).max()))
     mass = IDENTITY if weight is None else weight
     pull = np.zeros(n) if gradient is None else free.gain * gradient
-    found = small_programs.optimum(program, _cost(null, mass, base, direction, pull))
-    if found is None:
-        whole = _program(free.joint_velocity - base, null, base, lo, hi, rows, least, ROUNDING)
-        scale = small_programs.smallest_ratio(whole.alpha, program.beta, ROUNDING)
-        qd, fallback = base + scale * (free.joint_velocity - base), True
-    else:
-        scale, coordinates = found
-        qd, fallback = base + scale * direction + coordinates @ null, False
-    qd = np.minimum(np.maximum(qd, lo), hi)
+    searched = search if len(line.null) <= 1 else _search_with_solver
+    base_scale = np.nan if base.any() else 0.0
+    found = searched(line, lo, hi, rows, least, base, base_scale, mass, pull, free.joint_velocity)
+    if np.isnan(found.scale):
+        scaled = row_scale[:, None] * jacobian
+        base, base_scale = small_programs.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
+        found = searched(line, lo, hi, rows, least, base, base_scale, mass, pull, free.joint_velocity)
+    qd = np.minimum(np.maximum(found.joint_velocity, lo), hi)
     if not np.isfinite(qd).all():
         raise InputError("the bounded problem holds numbers that are not finite")
     return Bounded(
         qd,
-        base_scale + scale * (1.0 - base_scale),
-        base,
-        base_scale,
+        found.scale,
+        found.base_velocity,
+        found.base_scale,
         jacobian @ qd,
-        qd <= lo + ROUNDING,
-        qd >= hi - ROUNDING,
-        rows @ qd <= least + 1e-9,
+        qd <= lo + BINDING,
+        qd >= hi - BINDING,
+        rows @ qd <= least + DAMPER_BINDING,
         slack,
-        fallback,
+        found.fallback,
         free,
     )
 
 
-@compiled
-def _ray(parts: Decomposition, scaled_twist: Array, fastest: float) -> tuple[Array, Array, float]:
-    """The joint velocity of the twist, (n,), the null space as rows, and how well the first is known, rad/s (m/s).
-
-    ``fastest``: the largest entry of the twist.
-    """
-    rank = parts.rank
-    along = scaled_twist @ np.ascontiguousarray(parts.u[:, :rank])
-    # Near a singularity the direction itself is known no better than this.
-    smallest = parts.sigma[rank - 1] if rank else 1.0
-    rounding = min(max(ROUNDING, 4.0 * EPSILON * fastest / smallest), MOST_ROUNDING)
-    return (along / parts.sigma[:rank]) @ parts.vt[:rank], parts.vt[rank:], rounding
-
-
-@compiled
-def _program(
-    direction: Array, null: Array, base: Array, lo: Array, hi: Array, rows: Array, least: Array, rounding: float
-) -> small_programs.Program:
-    """Box and dampers for qd = ``base`` + s ``direction`` + z' ``null``, as  alpha s + zeta z <= beta ."""
-    n, d, k = len(base), len(null), len(least)
-    alpha, zeta, beta = np.empty(2 * n + k), np.empty((2 * n + k, d)), np.empty(2 * n + k)
-    for i in range(n):
-        alpha[i], alpha[n + i] = direction[i], -direction[i]
-        beta[i], beta[n + i] = hi[i] - base[i], base[i] - lo[i]
-        for j in range(d):
-            zeta[i, j], zeta[n + i, j] = null[j, i], -null[j, i]
-    for r in range(k):
-        alpha[2 * n + r], beta[2 * n + r] = -(rows[r] @ direction), rows[r] @ base - least[r]
-        for j in range(d):
-            zeta[2 * n + r, j] = -(rows[r] @ null[j])
-    return small_programs.Program(alpha, zeta, beta, rounding)
-
-
-@compiled
-def _cost(null: Array, weight: Array, base: Array, direction: Array, pull: Array) -> small_programs.Cost:
-    """1/2 qd' W qd + ``pull``' qd for qd = ``base`` + s ``direction`` + z' ``null``, as far as it hangs on z."""
-    weighted = null @ weight if len(weight) else null
-    return small_programs.Cost(weighted @ null.T, weighted @ base + null @ pull, weighted @ direction)
+def _search_with_solver(
+    line: Line,
+    lo: Array,
+    hi: Array,
+    rows: Array,
+    least: Array,
+    base: Array,
+    base_scale: float,
+    weight: Array,
+    pull: Array,
+    free: Array,
+) -> Found:
+    """:func:`ik_node.few_unknowns.search` with any number of z; ``free`` (n,): the closed form, in case of need."""
+    if np.isnan(base_scale):
+        program = program_along(line.ray, line.null, np.zeros(len(lo)), lo, hi, rows, least, ROUNDING)
+        entry = small_programs.entry(program)
+        if entry is None:
+            return Found(free, np.nan, base, np.nan, False)
+        base_scale = entry[0]
+        base = np.minimum(np.maximum(base_scale * line.ray + entry[1] @ line.null, lo), hi)
+    direction = (1.0 - base_scale) * line.ray
+    program = at_the_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
+    found = small_programs.best(program, cost_along(line.null, weight, base, direction, pull))
+    if found is None:
+        whole = program_along(free - base, line.null, base, lo, hi, rows, least, BINDING)
+        part = smallest_ratio(whole.alpha, program.beta, BINDING)
+        qd = base + part * (free - base)
+    else:
+        part, z = found
+        qd = base + part * direction + z @ line.null
+    return Found(qd, base_scale + part * (1.0 - base_scale), base, base_scale, found is None)

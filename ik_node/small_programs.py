@@ -10,16 +10,11 @@ Those two are solved exactly, without a solver. The others go to DAQP, and its a
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import daqp
 import numpy as np
 
-from ik_node.compiled import compiled
+from ik_node.few_unknowns import ROUNDING, Cost, Program
 from ik_node.se3 import Array
-
-ROUNDING = 1e-12
-"""Differences up to this one are rounding."""
 
 ACCEPTED = 1e-10
 """Largest trespass of a solver's answer that is put right by clipping; beyond, the answer is not used."""
@@ -34,91 +29,10 @@ MOST_STEPS = 100
 """Of the active-set method: ten times what was seen."""
 
 
-class Program(NamedTuple):
-    """The rows ``alpha`` s + ``zeta`` z <= ``beta``: (r,), (r, d), (r,)."""
+def best(program: Program, cost: Cost) -> tuple[float, Array] | None:
+    """The largest s, and the z of least ``cost`` for it; None where no answer passed its check.
 
-    alpha: Array
-    zeta: Array
-    beta: Array
-    rounding: float = ROUNDING
-    """A row that s = 1 exceeds by no more than this does not limit s: s is not to hang on rounding."""
-
-
-class Cost(NamedTuple):
-    """1/2 z' ``hessian`` z + (``slope`` + s ``change``)' z; (d, d) positive definite, (d,), (d,)."""
-
-    hessian: Array
-    slope: Array
-    change: Array
-
-
-def optimum(program: Program, cost: Cost) -> tuple[float, Array] | None:
-    """The largest s, and the z of least ``cost`` for it; None where no answer passed its check."""
-    return _many(program, cost) if len(cost.slope) > 1 else _few(program, cost)
-
-
-@compiled
-def _few(program: Program, cost: Cost) -> tuple[float, Array]:
-    """No z, or one: Fourier-Motzkin elimination gives s, an interval then holds z."""
-    if len(cost.slope) == 0:
-        return smallest_ratio(program.alpha, program.beta, program.rounding), np.zeros(0)
-    alpha, beta = _without_z(program)
-    s = smallest_ratio(alpha, beta, program.rounding)
-    lowest, highest = _interval(program, s)
-    z = -(cost.slope[0] + s * cost.change[0]) / cost.hessian[0, 0]
-    z = 0.5 * (lowest + highest) if lowest > highest else min(max(z, lowest), highest)
-    return s, np.array([z])
-
-
-@compiled
-def smallest_ratio(alpha: Array, beta: Array, rounding: float) -> float:
-    """The largest s in [0, 1] with ``alpha`` s <= ``beta``, beta >= 0."""
-    s = 1.0
-    for i in range(len(alpha)):
-        if alpha[i] > beta[i] + rounding:
-            s = min(s, beta[i] / alpha[i])
-    return s
-
-
-@compiled
-def _without_z(program: Program) -> tuple[Array, Array]:
-    """What the rows say of s alone: those without the one z, and each pair of which z drops out.
-
-    Row i, which bounds z from above, and row j, from below, each times the other's |zeta|. Rows without a finite limit
-    say nothing.
-    """
-    alpha, zeta, beta = program.alpha, program.zeta[:, 0], program.beta
-    most = len(beta) + len(beta) * len(beta) // 4
-    found_alpha, found_beta, count = np.empty(most), np.empty(most), 0
-    for i in range(len(beta)):
-        if zeta[i] > ROUNDING:
-            for j in range(len(beta)):
-                if zeta[j] < -ROUNDING:
-                    size = zeta[i] - zeta[j]
-                    found_alpha[count] = (zeta[i] * alpha[j] - zeta[j] * alpha[i]) / size
-                    found_beta[count] = (zeta[i] * beta[j] - zeta[j] * beta[i]) / size
-                    count += 1
-        elif zeta[i] >= -ROUNDING:
-            found_alpha[count], found_beta[count] = alpha[i], beta[i]
-            count += 1
-    return found_alpha[:count], found_beta[:count]
-
-
-@compiled
-def _interval(program: Program, s: float) -> tuple[float, float]:
-    """Where the one z may be at this s."""
-    lowest, highest = -np.inf, np.inf
-    for i in range(len(program.beta)):
-        zeta, room = program.zeta[i, 0], program.beta[i] - program.alpha[i] * s
-        if zeta > ROUNDING:
-            highest = min(highest, room / zeta)
-        elif zeta < -ROUNDING:
-            lowest = max(lowest, room / zeta)
-    return lowest, highest
-
-
-def _many(program: Program, cost: Cost) -> tuple[float, Array] | None:
-    """More z than one. DAQP's linear programs end within 1e-6 of the optimum, at points that obey the rows to 1e-10;
+    DAQP's linear programs end within 1e-6 of the optimum, at points that obey the rows to 1e-10;
     the active-set method goes on from there to the vertex, and then to the least cost."""
     dimensions = program.zeta.shape[1]
     limited = np.isfinite(program.beta)
@@ -221,41 +135,6 @@ def entry(program: Program) -> tuple[float, Array] | None:
 
     Here ``beta`` may be negative: s = 0, z = 0 need not be allowed.
     """
-    if program.zeta.shape[1] > 1:
-        return _entry_of_many(program)
-    s, z = _entry_of_few(program)
-    return None if np.isnan(s) else (s, z)
-
-
-@compiled
-def _entry_of_few(program: Program) -> tuple[float, Array]:
-    """:func:`entry` without z or with one; NaN where there is none."""
-    if program.zeta.shape[1] == 0:
-        return _least(program.alpha, program.beta, program.rounding), np.zeros(0)
-    alpha, beta = _without_z(program)
-    s = _least(alpha, beta, program.rounding)
-    lowest, highest = _interval(program, s)
-    middle = 0.5 * (lowest + highest)
-    return s, np.array([middle if np.isfinite(middle) else 0.0])
-
-
-@compiled
-def _least(alpha: Array, beta: Array, rounding: float) -> float:
-    """The least s in [0, 1] with ``alpha`` s <= ``beta``; NaN where there is none."""
-    least, largest = 0.0, 1.0
-    for i in range(len(alpha)):
-        if beta[i] < -rounding:
-            if alpha[i] >= 0.0:
-                return np.nan
-            least = max(least, beta[i] / alpha[i])
-        if alpha[i] > beta[i] + rounding:
-            if alpha[i] <= 0.0:
-                return np.nan
-            largest = min(largest, beta[i] / alpha[i])
-    return least if least <= largest else np.nan
-
-
-def _entry_of_many(program: Program) -> tuple[float, Array] | None:
     dimensions = program.zeta.shape[1]
     limited = np.isfinite(program.beta)
     beta = program.beta[limited]

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node import bounded, se3, small_programs
-from ik_node.closed_form import closed_form
 from ik_node.errors import InputError
 from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
@@ -19,6 +18,7 @@ from ik_node.settings import Settings
 from ik_node.singular_view import smooth_step
 from ik_node.singularity import START, Passage, PassageState, pass_singularities
 from ik_node.surroundings import Closest, Lookout, Surroundings
+from ik_node.usual_tick import LOWER, UPPER, Usual, usual_tick
 
 NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
@@ -141,7 +141,7 @@ class TickSolver:
             jacobian, twist = to_frame @ jacobian, to_frame @ twist
         weight, gradient = self._cost(moment, seen)
         gain = 0.0 if gradient is None else control.gradient_gain
-        outcome = self._closed_form(moment, jacobian, twist, weight, gradient, gain, seen, to_frame)
+        outcome = self._usual(moment, jacobian, twist, weight, gradient, gain, seen, to_frame)
         if outcome is not None:
             return outcome
         bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
@@ -216,7 +216,7 @@ class TickSolver:
             passage = passage._replace(lost=lost)
         return self._outcome(wanted, answer, bounds, seen, passage, to_frame)
 
-    def _closed_form(
+    def _usual(
         self,
         moment: Moment,
         jacobian: Array,
@@ -227,9 +227,9 @@ class TickSolver:
         seen: Surroundings | None,
         to_frame: Array | None,
     ) -> Outcome | None:
-        """The outcome where no singularity is near and nothing binds; None where that is not so."""
+        """The outcome of a usual tick; None where it is none, or where the arm stands before a limit for too long."""
         rows, least = (self._no_rows, NOTHING) if seen is None else seen.dampers[:2]
-        answer = closed_form(
+        answer = usual_tick(
             jacobian,
             twist,
             self._row_scale,
@@ -245,20 +245,40 @@ class TickSolver:
             rows,
             least,
         )
-        if not answer.holds:
+        if not answer.usual:
             return None
-        elapsed_s, (passage, _, blocked_s) = moment.elapsed_s, self._memory
-        free = passage._replace(
-            lost_s=max(0.0, passage.lost_s - elapsed_s), decision="free", kept=1.0, abreast_s=0.0, branch=None
-        )
-        self._memory = TickMemory(free, 1.0, max(blocked_s - elapsed_s, 0.0))
+        before, blocked_s = self._memory, 0.0
+        if answer.scale < 1.0 or before.blocked_s > 0.0:
+            blocked_s = self._blocked(answer.scale, float(np.abs(twist).max()), moment.elapsed_s)
+            if blocked_s > PATIENCE_S:
+                return None
+        passage = before.passage
+        if passage is not START:
+            lost_s = max(0.0, passage.lost_s - moment.elapsed_s)
+            passage = START._replace(lost_s=lost_s) if lost_s > 0.0 else START
+        self._memory = TickMemory(passage, answer.scale, blocked_s)
         task, potential = answer.multiplier_task, answer.multiplier_potential
         if to_frame is not None:
             task, potential = to_frame.T @ task, to_frame.T @ potential
-        closest = NOTHING_SEEN if seen is None else seen.closest
         return Outcome(
-            answer.joint_velocity, 1.0, 1.0, NOTHING_LOST, task, potential, answer.singular_values, (), (), closest
+            answer.joint_velocity,
+            answer.scale,
+            1.0,
+            NOTHING_LOST,
+            task,
+            potential,
+            answer.singular_values,
+            self._names_of_sides(answer, moment, seen) if len(answer.sides) else (),
+            (),
+            NOTHING_SEEN if seen is None else seen.closest,
         )
+
+    def _names_of_sides(self, answer: Usual, moment: Moment, seen: Surroundings | None) -> tuple[str, ...]:
+        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
+        n, sides = self._robot.n, answer.sides
+        dampers = () if seen is None else seen.dampers.names
+        lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
+        return bounded.names_of_binding(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
 
     def _blocked(self, part: float, fastest: float, elapsed_s: float) -> float:
         """For how long the arm has been standing before a limit, s: next to nothing of a twist was done."""

@@ -17,10 +17,11 @@ from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState
 from ik_node.late_arm import LateArm, LateArmMemory
 from ik_node.memory import recall, remembered
+from ik_node.outcome import Moment, Outcome
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
-from ik_node.tick import Moment, Outcome, TickMemory, TickSolver
+from ik_node.tick import TickMemory, TickSolver
 from ik_node.trajectory.motion import Motion
 
 HIGHEST_GAIN_FOR_LATE_ARMS = 100.0

@@ -6,17 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import bounded, se3, small_programs
+from ik_node import bounded, se3
 from ik_node.errors import InputError
 from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
+from ik_node.outcome import Moment, Outcome
 from ik_node.potentials import dexterity
 from ik_node.resolution import IDENTITY, NO_GRADIENT, Resolution, resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
-from ik_node.singular_view import smooth_step
 from ik_node.singularity import START, Passage, PassageState, pass_singularities
+from ik_node.standstill import PATIENCE_S, blocked, let_go
 from ik_node.surroundings import Closest, Lookout, Surroundings
 from ik_node.usual_tick import LOWER, UPPER, Usual, usual_tick
 
@@ -26,14 +27,6 @@ NOTHING, NOTHING_LOST = np.zeros(0), np.zeros(6)
 
 ESCAPE_N = 100.0
 """Push along the null space out of a singularity in which a part of the twist is given up."""
-STANDSTILL = 0.05
-"""An arm that does less than this part of a twist stands before a limit."""
-LEAST_TWIST = 1e-3
-"""Twists with no entry beyond this, m/s or rad/s, ask for too little to say so."""
-PATIENCE_S = 1.0
-"""For so long the direction is kept all the same."""
-LETTING_GO_S = 0.5
-"""How long the change takes then."""
 
 
 class TickMemory(NamedTuple):
@@ -44,44 +37,6 @@ class TickMemory(NamedTuple):
     """s, by the limits."""
     blocked_s: float
     """For how long the arm has been standing before a limit, s."""
-
-
-class Moment(NamedTuple):
-    """Where the arm is and what stands at its motors."""
-
-    q: Array
-    """Measured joint positions, (n,), rad (m)."""
-    q_middle: Array
-    """Where they will be in the middle of the interval in which the next command stands, (n,)."""
-    previous: Array
-    """The command that stands now, (n,), rad/s (m/s)."""
-    elapsed_s: float
-    """For how long it has stood."""
-    time_ns: int
-    """Now, on the monotonic clock."""
-
-
-class Outcome(NamedTuple):
-    """What was chosen, and what it cost. Twists and wrenches (6,) in {b}, linear part first."""
-
-    joint_velocity: Array
-    """(n,), rad/s (m/s), finite and within the velocity limits."""
-    scale: float
-    """The part of V_f that is done: ``pace`` times what the limits let through of it."""
-    pace: float
-    """How much slower than V the tool goes to pass a singularity on its path."""
-    lost_b: Array
-    """V - V_f."""
-    multiplier_task: Array
-    multiplier_potential: Array
-    singular_values: Array
-    """Of J_b with angular rows times the characteristic length, m."""
-    binding: tuple[str, ...]
-    """Limits and dampers that bound."""
-    conceded: tuple[str, ...]
-    """Limits and dampers that gave way to stronger ones."""
-    closest: Closest
-    """The nearest pair of links, or link and obstacle."""
 
 
 class TickSolver:
@@ -208,10 +163,12 @@ class TickSolver:
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
         scale = 1.0 if answer is None else answer.scale
-        blocked_s = self._blocked(passage.pace * scale, float(np.abs(twist).max()), moment.elapsed_s)
+        fastest = float(np.abs(twist).max())
+        blocked_s = blocked(self._memory.blocked_s, passage.pace * scale, fastest, moment.elapsed_s)
         self._memory = TickMemory(passage.state, scale, blocked_s)
         if answer is not None and blocked_s > PATIENCE_S:
-            velocity = self._let_go(answer.joint_velocity, jacobian, twist, bounds, seen)
+            dampers = None if seen is None else seen.dampers
+            velocity = let_go(answer.joint_velocity, jacobian, twist, self._row_scale, bounds, dampers, blocked_s)
             answer, lost = answer._replace(joint_velocity=velocity), twist - jacobian @ velocity
             passage = passage._replace(lost=lost)
         return self._outcome(wanted, answer, bounds, seen, passage, to_frame)
@@ -249,7 +206,8 @@ class TickSolver:
             return None
         before, blocked_s = self._memory, 0.0
         if answer.scale < 1.0 or before.blocked_s > 0.0:
-            blocked_s = self._blocked(answer.scale, float(np.abs(twist).max()), moment.elapsed_s)
+            fastest = float(np.abs(twist).max())
+            blocked_s = blocked(before.blocked_s, answer.scale, fastest, moment.elapsed_s)
             if blocked_s > PATIENCE_S:
                 return None
         passage = before.passage
@@ -279,29 +237,6 @@ class TickSolver:
         dampers = () if seen is None else seen.dampers.names
         lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
         return bounded.names_of_binding(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
-
-    def _blocked(self, part: float, fastest: float, elapsed_s: float) -> float:
-        """For how long the arm has been standing before a limit, s: next to nothing of a twist was done."""
-        if part < STANDSTILL and fastest > LEAST_TWIST:
-            return min(self._memory.blocked_s + elapsed_s, PATIENCE_S + LETTING_GO_S)
-        return max(self._memory.blocked_s - elapsed_s, 0.0)
-
-    def _let_go(
-        self, velocity: Array, jacobian: Array, twist: Array, bounds: JointBounds, seen: Surroundings | None
-    ) -> Array:
-        """``velocity`` on its way to the one that comes nearest to the twist, its direction given up.
-
-        A limit that stands in the way of the direction would else hold the arm for ever.
-        """
-        rows, least = (np.zeros((0, len(velocity))), np.zeros(0))
-        if seen is not None:
-            rows, least = seen.dampers.rows, seen.dampers.least
-        scaled = self._row_scale[:, None] * jacobian
-        nearest = small_programs.nearest_to_twist(scaled, self._row_scale * twist, bounds.lo, bounds.hi, rows, least)
-        if nearest is None:
-            return velocity
-        part = smooth_step((self._memory.blocked_s - PATIENCE_S) / LETTING_GO_S)
-        return np.asarray((1.0 - part) * velocity + part * nearest)
 
     def _robot_jacobian(self, q: Array) -> Array:
         kinematics = self._robot.evaluate(q)

@@ -12,9 +12,10 @@ from ik_node.clock import NS
 from ik_node.control_law import twist_feedback
 from ik_node.errors import IkNodeError
 from ik_node.limits import MotionLimits, joint_bounds, stopping_distance
+from ik_node.outcome import Moment
 from ik_node.robot import Robot
 from ik_node.se3 import Array, checked_pose
-from ik_node.tick import Moment, TickSolver
+from ik_node.tick import TickSolver
 from ik_node.trajectory.motion import Motion
 
 BROKEN = 1e-9

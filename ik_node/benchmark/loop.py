@@ -13,11 +13,12 @@ from ik_node import bounded, se3
 from ik_node.clock import NS
 from ik_node.control_law import twist_feedback
 from ik_node.limits import joint_bounds, motion_limits
+from ik_node.outcome import Moment, Outcome
 from ik_node.resolution import resolve
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import ControlSettings, Settings
-from ik_node.tick import NOTHING_SEEN, Moment, Outcome, TickSolver
+from ik_node.tick import NOTHING_SEEN, TickSolver
 from ik_node.trajectory.motion import Motion
 
 PERIOD_S = 0.002

@@ -11,10 +11,11 @@ from ik_node.benchmark.loop import PERIOD_S, Run, follow, settings_of
 from ik_node.benchmark.optimum import arm
 from ik_node.benchmark.singularities import Sweep, decompose, solve
 from ik_node.clearance import Clearance
+from ik_node.outcome import Moment
 from ik_node.robot import Robot
 from ik_node.scene import Scene, obstacle, shape
 from ik_node.se3 import Array
-from ik_node.tick import Moment, TickSolver
+from ik_node.tick import TickSolver
 
 READY = np.array([0.0, -0.5, 0.0, -2.2, 0.0, 1.8, 0.785])
 """A Panda in the middle of its workspace, rad."""

@@ -215,7 +215,8 @@ class Robot:
 
         Leaves the placements of all joints at q in :attr:`data`, for Pinocchio's geometry functions.
         """
-        jacobian: Array = pin.computeJointJacobians(self.model, self.data, self._configuration(q))
+        # Pinocchio drops the second dimension for an arm of one joint.
+        jacobian = pin.computeJointJacobians(self.model, self.data, self._configuration(q)).reshape(6, -1)
         return self._columns(jacobian)
 
     def joint_moves(self, parent: int) -> NDArray[np.bool_]:

@@ -201,7 +201,7 @@ def test_lazy_distances_and_speeds_stay_bounds() -> None:
         fresh.see(scene, 0)
         whole, truth = fresh.measure(q, np.full(fresh.pairs, np.inf))
         inside = whole.distance < 0.2
-        assert near.pair == tuple(np.flatnonzero(inside).tolist())
+        assert near.pair.tolist() == np.flatnonzero(inside).tolist()
         assert (near.slope == whole.slope[inside]).all()
         assert closest.distance == truth.distance
         compared += len(near.pair)

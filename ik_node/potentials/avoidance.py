@@ -31,7 +31,9 @@ import numpy as np
 from ik_node.bounded import Dampers
 from ik_node.clearance import Clearance, Closest, Near
 from ik_node.clock import NS
-from ik_node.limits import viable_speed
+from ik_node.compiled import compiled
+from ik_node.limits import viable_speed_at
+from ik_node.pairs import Indices
 from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.settings import ObstacleSettings
@@ -54,31 +56,118 @@ class Surroundings(NamedTuple):
     closest: Closest
 
 
+@compiled
 def push(distance: Array, span: Array) -> tuple[Array, Array]:
     """psi and its slope at ``distance`` (k,) for ranges ``span`` (k,), m."""
+    value, slope = np.empty(len(distance)), np.empty(len(distance))
+    for row in range(len(distance)):
+        value[row], slope[row] = _push(distance[row], span[row])
+    return value, slope
+
+
+@compiled
+def _push(distance: float, span: float) -> tuple[float, float]:
+    # np.minimum and np.maximum hand a NaN on.
     part = np.minimum(np.maximum(1.0 - distance / span, 0.0), 1.0)
-    beyond = np.maximum(-distance, 0.0)
     slope = -part * part * part
-    return np.asarray(beyond - 0.25 * span * part * slope), slope
+    return np.maximum(-distance, 0.0) - 0.25 * span * part * slope, slope
 
 
 def repulsion(near: Near, settings: ObstacleSettings) -> Potential:
     """h and grad_h of the pairs in ``near``."""
-    span = np.where(near.self_collision > 0.0, settings.self_range, settings.range)
-    value, slope = push(near.distance, span)
-    return Potential(settings.strength * float(value.sum()), settings.strength * (slope @ near.slope))
+    if not len(near.pair):
+        return _no_push(near.slope.shape[1])
+    value, gradient = _repulsion(
+        near.distance, near.slope, near.self_collision, settings.self_range, settings.range, settings.strength
+    )
+    return Potential(value, gradient)
+
+
+@compiled
+def _repulsion(
+    distance: Array, slope: Array, own: Array, self_range: float, obstacle_range: float, strength: float
+) -> tuple[float, Array]:
+    total, gradient = 0.0, np.zeros(slope.shape[1])
+    for row in range(len(distance)):
+        value, steepness = _push(distance[row], self_range if own[row] > 0.0 else obstacle_range)
+        total += value
+        for joint in range(len(gradient)):
+            gradient[joint] += steepness * slope[row, joint]
+    return strength * total, strength * gradient
 
 
 def dampers(
     clearance: Clearance, near: Near, qd: Array, change: Array, settings: ObstacleSettings, hold_s: float
 ) -> Dampers:
     """The dampers of ``near`` that can bind at velocities within ``change`` (n,) of ``qd`` (n,), rad/s (m/s)."""
-    stop = np.where(near.self_collision > 0.0, settings.self_stop_distance, settings.stop_distance)
-    allowed = viable_speed(near.distance - stop, settings.approach_deceleration, hold_s)
-    least = -allowed - near.drift
-    can_bind = np.flatnonzero(near.slope @ qd - np.abs(near.slope) @ change < least)
+    if not len(near.pair):
+        return _no_dampers(len(qd))
+    can_bind, rows, least = _dampers(
+        near.distance,
+        near.slope,
+        near.drift,
+        near.self_collision,
+        qd,
+        change,
+        settings.self_stop_distance,
+        settings.stop_distance,
+        settings.approach_deceleration,
+        hold_s,
+    )
     names = tuple(" - ".join(clearance.names(near.pair[row])) for row in can_bind.tolist())
-    return Dampers(near.slope[can_bind], least[can_bind], names)
+    return Dampers(rows, least, names)
+
+
+@compiled
+def _dampers(
+    distance: Array,
+    slope: Array,
+    drift: Array,
+    own: Array,
+    qd: Array,
+    change: Array,
+    self_stop: float,
+    stop: float,
+    deceleration: float,
+    hold_s: float,
+) -> tuple[Indices, Array, Array]:
+    """Which of them can bind, the rows of ``slope`` (k, n) of these, and what they are to be at least."""
+    least, can_bind = np.empty(len(distance)), np.zeros(len(distance), np.bool_)
+    for row in range(len(distance)):
+        room = distance[row] - (self_stop if own[row] > 0.0 else stop)
+        least[row] = -viable_speed_at(room, deceleration, hold_s, hold_s) - drift[row]
+        slowest = 0.0
+        for joint in range(len(qd)):
+            slowest += slope[row, joint] * qd[joint] - abs(slope[row, joint]) * change[joint]
+        can_bind[row] = not slowest >= least[row]
+    which = np.flatnonzero(can_bind)
+    return which, slope[which], least[which]
+
+
+@compiled
+def _within(
+    speeds: Array,
+    own: Array,
+    self_range: float,
+    obstacle_range: float,
+    self_stop: float,
+    stop: float,
+    damper_range: float,
+    deceleration: float,
+    hold_s: float,
+) -> Array:
+    """(pairs,): the distances within which pairs count for the potential (ranges, 0 without) or for the dampers, m.
+
+    ``speeds`` (pairs,): how fast distances can shrink at most, m/s.
+    """
+    within = np.empty(len(speeds))
+    for pair in range(len(speeds)):
+        speed, is_own = speeds[pair], own[pair] > 0.0
+        # Beyond this distance a pair cannot come near so fast that it could not stop.
+        needed = speed * (0.5 * speed / deceleration + 1.5 * hold_s) + (self_stop if is_own else stop)
+        pushed = self_range if is_own else obstacle_range
+        within[pair] = np.maximum(pushed, np.minimum(needed, damper_range))
+    return within
 
 
 def look_around(
@@ -98,25 +187,41 @@ def look_around(
     the longest hold. ``repel``: False where the method has no use for the potential.
     """
     clearance.see(scene, time_ns)
-    own = clearance.self_pairs() > 0.0
-    within = np.where(own, settings.self_range, settings.range) if repel else np.zeros(clearance.pairs)
-    pushing = within
+    ranges = (settings.self_range, settings.range) if repel else (0.0, 0.0)
     if settings.damper and clearance.pairs:
-        # Beyond this distance a pair cannot come near so fast that it could not stop.
-        speed = clearance.speeds(q, qd, change)
-        needed = speed * (0.5 * speed / settings.approach_deceleration + 1.5 * hold_s)
-        needed += np.where(own, settings.self_stop_distance, settings.stop_distance)
-        within = np.maximum(within, np.minimum(needed, settings.damper_range))
+        within = _within(
+            clearance.speeds(q, qd, change),
+            clearance.self_pairs(),
+            *ranges,
+            settings.self_stop_distance,
+            settings.stop_distance,
+            settings.damper_range,
+            settings.approach_deceleration,
+            hold_s,
+        )
+    else:
+        within = _ranges(clearance.self_pairs(), *ranges)
     near, closest = clearance.measure(q, within)
-    brakes = dampers(clearance, near, qd, change, settings, hold_s) if settings.damper else _none(len(q))
-    potential = repulsion(near, settings) if repel else Potential(0.0, np.zeros(len(q)))
+    brakes = dampers(clearance, near, qd, change, settings, hold_s) if settings.damper else _no_dampers(len(q))
+    potential = repulsion(near, settings) if repel else _no_push(len(q))
     if repel and settings.look_ahead_s > 0.0 and qd.any():
         ahead = clearance.ahead
         ahead.see(scene, time_ns + round(settings.look_ahead_s * NS))
+        pushing = _ranges(clearance.self_pairs(), *ranges)
         later = repulsion(ahead.near(q + settings.look_ahead_s * qd, pushing), settings)
         potential = Potential(potential.value + later.value, potential.gradient + later.gradient)
     return Surroundings(potential, brakes, closest)
 
 
-def _none(n: int) -> Dampers:
+@compiled
+def _ranges(own: Array, self_range: float, obstacle_range: float) -> Array:
+    """(pairs,): the ranges of the potential, m."""
+    return np.where(own > 0.0, self_range, obstacle_range)
+
+
+def _no_push(n: int) -> Potential:
+    return Potential(0.0, np.zeros(n))
+
+
+def _no_dampers(n: int) -> Dampers:
     return Dampers(np.zeros((0, n)), np.zeros(0), ())

@@ -27,7 +27,9 @@ from ik_node.pairs import (
     count_near,
     fastest_approach,
     lower_bounds,
+    lower_bounds_of,
     near_pairs,
+    note_motion,
     take_measurement,
 )
 from ik_node.scene import Obstacle, Scene, Shape
@@ -57,7 +59,7 @@ class Clearance:
         self.geometry = geometry
         robot = geometry.robot
         self._base_root = np.ascontiguousarray(robot.pose_base_root)
-        self._root_base = np.linalg.inv(robot.pose_base_root)
+        self._root_base: Array = np.ascontiguousarray(np.linalg.inv(robot.pose_base_root))
         self._names = geometry.names()
         self._link_moves = geometry.moves.astype(float)
         self._ratio = np.column_stack([robot.motion(alone) for alone in np.eye(robot.n)])
@@ -68,12 +70,13 @@ class Clearance:
             [_radius(link, centre) for link, centre in zip(geometry.links, self._centres, strict=True)]
         )
         self._nothing = _nothing(robot.n)
-        self._obstacles: tuple[Obstacle, ...] = ()
         self._ahead: Clearance | None = None
         self._q = np.zeros(robot.n)
         self._turns = bool(robot.continuous.any())
-        self._scene, self._scene_moves = Scene(), False
-        self._build(())
+        self._scene = Scene()
+        self._entries: tuple[Obstacle, ...] = ()
+        self._moving: list[int] = []
+        self._build([])
 
     def names(self, pair: int) -> tuple[str, str]:
         """Link, and link or obstacle, of a pair."""
@@ -81,23 +84,24 @@ class Clearance:
 
     def see(self, scene: Scene, time_ns: int) -> None:
         """Takes the obstacles as they are at a monotonic time; moving ones are carried on."""
-        if scene is self._scene and not self._scene_moves:
+        entries = self._entries
+        if scene is self._scene:
+            for index in self._moving:
+                self._move(index, entries[index].at(time_ns))
             return
-        self._scene = scene
-        self._scene_moves = any(entry.moves for entry in scene.obstacles.values())
-        seen = tuple(entry.at(time_ns) for entry in scene.obstacles.values())
+        self._scene, self._entries = scene, tuple(scene.obstacles.values())
+        self._moving = [index for index, entry in enumerate(self._entries) if entry.moves]
+        seen = [entry.at(time_ns) for entry in self._entries]
         same = len(seen) == len(self._obstacles) and all(
             new.name == old.name and new.shape == old.shape for new, old in zip(seen, self._obstacles, strict=True)
         )
         if not same:
             self._build(seen)
             return
-        for index, (new, old) in enumerate(zip(seen, self._obstacles, strict=True)):
-            if new is not old:
-                self._move(index, new, old)
-        self._obstacles = seen
+        for index, new in enumerate(seen):
+            self._move(index, new)
 
-    def _build(self, obstacles: tuple[Obstacle, ...]) -> None:
+    def _build(self, obstacles: list[Obstacle]) -> None:
         geometry, count = self.geometry, len(self.geometry.links)
         self._model = pin.GeometryModel()
         for link in geometry.links:
@@ -131,27 +135,36 @@ class Clearance:
         self._obstacles = obstacles
         self._speeds, self._motions = np.zeros(len(obstacles)), np.zeros((len(obstacles), 3, 3))
         for index, entry in enumerate(obstacles):
-            self._note_motion(index, entry)
+            self._note_motion(index, entry, entry)
+        self._placed_at = b""
 
     def _root_placement(self, entry: Obstacle) -> Any:
         return pin.SE3(self._root_base @ entry.pose_s)
 
-    def _move(self, index: int, new: Obstacle, old: Obstacle) -> None:
-        self._note_motion(index, new)
-        if new.pose_s is old.pose_s:
+    def _move(self, index: int, new: Obstacle) -> None:
+        old = self._obstacles[index]
+        if new is old:
             return
-        self._model.geometryObjects[len(self.geometry.links) + index].placement = self._root_placement(new)
-        turned = float(np.linalg.norm(new.pose_s[:3, :3] - old.pose_s[:3, :3]))
-        moved = float(np.linalg.norm(new.pose_s[:3, 3] - old.pose_s[:3, 3])) + turned * new.shape.reach
-        self._bound[self._seconds == len(self.geometry.links) + index] -= moved
+        moved = self._note_motion(index, new, old)
+        self._obstacles[index] = new
+        if moved != 0.0:
+            number = len(self._radii) + index
+            self._model.geometryObjects[number].placement = self._root_placement(new)
+            lower_bounds_of(number, moved, self._seconds, self._bound)
+            self._placed_at = b""
 
-    def _note_motion(self, index: int, entry: Obstacle) -> None:
-        root = self._root_base[:3, :3]
-        self._speeds[index] = np.linalg.norm(entry.velocity_s) + np.linalg.norm(entry.spin_s) * entry.shape.reach
-        self._motions[index] = (
-            root @ entry.velocity_s,
-            root @ entry.spin_s,
-            root @ entry.pose_s[:3, 3] + self._root_base[:3, 3],
+    def _note_motion(self, index: int, new: Obstacle, old: Obstacle) -> float:
+        """Notes velocities and place of an obstacle; by how much it has moved since ``old``, m."""
+        return note_motion(
+            new.pose_s,
+            old.pose_s,
+            new.velocity_s,
+            new.spin_s,
+            new.shape.reach,
+            self._root_base,
+            index,
+            self._speeds,
+            self._motions,
         )
 
     @property
@@ -205,10 +218,12 @@ class Clearance:
 
     def _place(self, q: Array) -> Array:
         """Puts the solids where they are at q (n,); (m, 6): the twists that the moving joints give, from the root."""
-        robot = self.geometry.robot
-        jacobian = robot.root_jacobian(q)
-        pin.updateGeometryPlacements(robot.model, robot.data, self._model, self._data)
-        return np.ascontiguousarray(jacobian.T)
+        if (at := q.tobytes()) != self._placed_at:
+            robot = self.geometry.robot
+            jacobian = robot.root_jacobian(q)
+            pin.updateGeometryPlacements(robot.model, robot.data, self._model, self._data)
+            self._jacobian, self._placed_at = np.ascontiguousarray(jacobian.T), at
+        return self._jacobian
 
     def _measure_all(self, q: Array, within: Array, closest: bool) -> Array:
         """Lowers the bounds by the motion since the last call and measures what falls below ``within``, and until the

@@ -47,6 +47,52 @@ class Near(NamedTuple):
 
 
 @compiled
+def note_motion(
+    new_pose: Array,
+    old_pose: Array,
+    velocity: Array,
+    spin: Array,
+    reach: float,
+    root_base: Array,
+    obstacle: int,
+    speeds: Array,
+    motions: Array,
+) -> float:
+    """Notes how an obstacle moves; how far any point of it is from where it was at most, m.
+
+    ``new_pose``, ``old_pose`` (4, 4), ``velocity``, ``spin`` (3,) in the base frame, which the root sees at
+    ``root_base`` (4, 4); ``reach``: largest distance of its points from its origin. ``speeds`` (obstacles,): no point
+    is faster. ``motions`` (obstacles, 3, 3): velocities, angular velocities and origins, in the root's axes.
+    """
+    speeds[obstacle] = _size(velocity) + _size(spin) * reach
+    for axis in range(3):
+        row = root_base[axis]
+        motions[obstacle, 0, axis] = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2]
+        motions[obstacle, 1, axis] = row[0] * spin[0] + row[1] * spin[1] + row[2] * spin[2]
+        place = row[0] * new_pose[0, 3] + row[1] * new_pose[1, 3] + row[2] * new_pose[2, 3]
+        motions[obstacle, 2, axis] = place + row[3]
+    turned = moved = 0.0
+    for row_number in range(3):
+        for column in range(3):
+            turned += (new_pose[row_number, column] - old_pose[row_number, column]) ** 2
+        moved += (new_pose[row_number, 3] - old_pose[row_number, 3]) ** 2
+    return float(np.sqrt(moved) + np.sqrt(turned) * reach)
+
+
+@compiled
+def _size(vector: Array) -> float:
+    return float(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]))
+
+
+@compiled
+def lower_bounds_of(solid: int, motion: float, seconds: Indices, bound: Array) -> None:
+    """Lowers the bounds of the pairs whose second is a solid that has moved by ``motion``, m."""
+    for pair in range(len(bound)):
+        if seconds[pair] == solid:
+            bound[pair] -= motion
+
+
+@compiled
 def fastest_approach(
     motion: Array,
     change: Array,
@@ -78,8 +124,7 @@ def fastest_approach(
         vx = twist[0] + (spin[1] * z - spin[2] * y)
         vy = twist[1] + (spin[2] * x - spin[0] * z)
         vz = twist[2] + (spin[0] * y - spin[1] * x)
-        turning = np.sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2])
-        fastest[link] = np.sqrt(vx * vx + vy * vy + vz * vz) + turning * radii[link]
+        fastest[link] = np.sqrt(vx * vx + vy * vy + vz * vz) + _size(spin) * radii[link]
     speeds = np.empty(len(firsts))
     for pair in range(len(firsts)):
         changed = 0.0
@@ -145,8 +190,7 @@ def take_measurement(
         # EPA can fail in deep penetration: in contact, direction by the centres.
         start, end = origins[firsts[pair]], origins[seconds[pair]]
         apart = end - start
-        size = np.sqrt(apart[0] * apart[0] + apart[1] * apart[1] + apart[2] * apart[2])
-        bound[pair], normals[pair] = 0.0, apart / np.maximum(size, 1e-9)
+        bound[pair], normals[pair] = 0.0, apart / np.maximum(_size(apart), 1e-9)
         points[pair, 0], points[pair, 1] = start, end
     fresh[pair] = True
     return next_pair(bound, fresh, within, closest)

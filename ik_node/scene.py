@@ -97,7 +97,7 @@ class Obstacle(NamedTuple):
     @property
     def moves(self) -> bool:
         """True where it has a velocity."""
-        return bool(self.velocity_s.any() or self.spin_s.any())
+        return any(self.velocity_s.tolist()) or any(self.spin_s.tolist())
 
     def at(self, time_ns: int) -> Obstacle:
         """Itself a little later: carried on at its velocity, an estimated one for ``AHEAD_S`` only; an estimate that
@@ -121,8 +121,9 @@ def obstacle(
     expires_ns: int | None = None,
 ) -> Obstacle:
     """An obstacle at rest, or one that goes on steadily at ``velocity_s`` (3,), m/s."""
-    velocity = np.zeros(3) if velocity_s is None else velocity_s
-    return Obstacle(name, solid, pose_s, velocity, np.zeros(3), time_ns, expires_ns, bool(velocity.any()))
+    velocity = np.zeros(3) if velocity_s is None else np.ascontiguousarray(velocity_s, dtype=np.float64)
+    pose = np.ascontiguousarray(pose_s, dtype=np.float64)
+    return Obstacle(name, solid, pose, velocity, np.zeros(3), time_ns, expires_ns, bool(velocity.any()))
 
 
 @dataclass(frozen=True)

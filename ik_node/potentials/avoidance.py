@@ -24,6 +24,7 @@ approach; it asks for retreat only from an obstacle that comes nearer by itself.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -204,7 +205,7 @@ def look_around(
     near, closest = clearance.measure(q, within)
     brakes = dampers(clearance, near, qd, change, settings, hold_s) if settings.damper else _no_dampers(len(q))
     potential = repulsion(near, settings) if repel else _no_push(len(q))
-    if repel and settings.look_ahead_s > 0.0 and qd.any():
+    if repel and settings.look_ahead_s > 0.0 and any(qd.tolist()):
         ahead = clearance.ahead
         ahead.see(scene, time_ns + round(settings.look_ahead_s * NS))
         pushing = _ranges(clearance.self_pairs(), *ranges)
@@ -219,9 +220,11 @@ def _ranges(own: Array, self_range: float, obstacle_range: float) -> Array:
     return np.where(own > 0.0, self_range, obstacle_range)
 
 
+@cache
 def _no_push(n: int) -> Potential:
     return Potential(0.0, np.zeros(n))
 
 
+@cache
 def _no_dampers(n: int) -> Dampers:
     return Dampers(np.zeros((0, n)), np.zeros(0), ())

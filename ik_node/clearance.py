@@ -24,11 +24,10 @@ from ik_node.collision import Geometry, Link, add
 from ik_node.pairs import (
     Near,
     closest_pair,
-    count_near,
     fastest_approach,
+    list_near,
     lower_bounds,
     lower_bounds_of,
-    near_pairs,
     note_motion,
     take_measurement,
 )
@@ -69,7 +68,6 @@ class Clearance:
         self._radii = np.array(
             [_radius(link, centre) for link, centre in zip(geometry.links, self._centres, strict=True)]
         )
-        self._nothing = _nothing(robot.n)
         self._ahead: Clearance | None = None
         self._q = np.zeros(robot.n)
         self._turns = bool(robot.continuous.any())
@@ -129,6 +127,14 @@ class Clearance:
         self._reach = reach[self._firsts] + reach[self._seconds]
         self._bound, self._fresh = np.full(len(pairs), -np.inf), np.zeros(len(pairs), dtype=np.bool_)
         self._normals, self._points = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 2, 3))
+        self.rows = Near(
+            np.zeros(len(pairs), dtype=np.int64),
+            np.zeros(len(pairs)),
+            np.zeros((len(pairs), geometry.robot.n)),
+            np.zeros(len(pairs)),
+            np.zeros(len(pairs)),
+        )
+        """Room for all pairs; what the last :meth:`survey` found stands in the first rows."""
         self._self = (np.arange(len(pairs)) < own).astype(float)
         names = (*self._names, *(entry.name for entry in obstacles))
         self._pair_names = [(names[first], names[second]) for first, second in pairs]
@@ -204,17 +210,41 @@ class Clearance:
 
     def measure(self, q: Array, within: Array) -> tuple[Near, Closest]:
         """Pairs nearer than ``within`` (pairs,), m, and the closest of all, at q (n,)."""
-        if not self.pairs:
-            return self._nothing, _NOWHERE
-        jacobian = self._measure_all(q, within, closest=True)
-        pair, distance, points_s = closest_pair(self._bound, self._points, self._base_root)
-        return self._near(within, jacobian), Closest(distance, self._pair_names[pair], points_s)
+        count = self.survey(q, within)
+        return Near(*(part[:count].copy() for part in self.rows)), self.closest()
 
-    def near(self, q: Array, within: Array) -> Near:
-        """As :meth:`measure`, without the closest."""
+    def survey(self, q: Array, within: Array, closest: bool = True) -> int:
+        """How many pairs are nearer than ``within`` (pairs,), m, at q (n,); they stand in the first :attr:`rows`.
+
+        ``closest``: False where :meth:`closest` is not going to be asked for.
+        """
+        motion = self.geometry.robot.difference(self._q, q) if self._turns else q - self._q
+        self._q = q.copy()
+        jacobian = self._place(q)
+        pair = lower_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
+        while pair >= 0:
+            pair = self._measure(pair, within, closest)
+        return list_near(
+            within,
+            jacobian,
+            self._ratio,
+            self._moves,
+            self._motions,
+            self._firsts,
+            self._seconds,
+            self._bound,
+            self._fresh,
+            self._normals,
+            self._points,
+            *self.rows,
+        )
+
+    def closest(self) -> Closest:
+        """The closest pair of the last :meth:`survey`."""
         if not self.pairs:
-            return self._nothing
-        return self._near(within, self._measure_all(q, within, closest=False))
+            return _NOWHERE
+        pair, distance, points_s = closest_pair(self._bound, self._points, self._base_root)
+        return Closest(distance, self._pair_names[pair], points_s)
 
     def _place(self, q: Array) -> Array:
         """Puts the solids where they are at q (n,); (m, 6): the twists that the moving joints give, from the root."""
@@ -224,17 +254,6 @@ class Clearance:
             pin.updateGeometryPlacements(robot.model, robot.data, self._model, self._data)
             self._jacobian, self._placed_at = np.ascontiguousarray(jacobian.T), at
         return self._jacobian
-
-    def _measure_all(self, q: Array, within: Array, closest: bool) -> Array:
-        """Lowers the bounds by the motion since the last call and measures what falls below ``within``, and until the
-        closest is known if that is wanted; (m, 6) as :meth:`_place`."""
-        motion = self.geometry.robot.difference(self._q, q) if self._turns else q - self._q
-        self._q = q.copy()
-        jacobian = self._place(q)
-        pair = lower_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
-        while pair >= 0:
-            pair = self._measure(pair, within, closest)
-        return jacobian
 
     def _measure(self, pair: int, within: Array, closest: bool) -> int:
         """Measures a pair; the next one to measure, -1 where that was the last."""
@@ -257,28 +276,6 @@ class Clearance:
             self._points,
             within,
             closest,
-        )
-
-    def _near(self, within: Array, jacobian: Array) -> Near:
-        count = count_near(self._bound, self._fresh, within)
-        if count == 0:
-            return self._nothing
-        return Near(
-            *near_pairs(
-                count,
-                within,
-                self._bound,
-                self._fresh,
-                self._normals,
-                self._points,
-                self._firsts,
-                self._seconds,
-                self._moves,
-                self._ratio,
-                jacobian,
-                len(self._radii),
-                self._motions,
-            )
         )
 
 
@@ -307,10 +304,6 @@ def _radius(link: Link, centre: Array) -> float:
 
 
 _FIRST_GUESS, _FIRST_CORNERS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
-
-
-def _nothing(n: int) -> Near:
-    return Near(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 
 
 _NOWHERE = Closest(float("inf"), (), np.full((2, 3), np.nan))

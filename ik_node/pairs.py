@@ -197,44 +197,38 @@ def take_measurement(
 
 
 @compiled
-def count_near(bound: Array, fresh: Flags, within: Array) -> int:
-    """How many measured pairs are nearer than ``within`` (pairs,)."""
-    count = 0
-    for pair in range(len(bound)):
-        if fresh[pair] and not bound[pair] >= within[pair]:
-            count += 1
-    return count
-
-
-@compiled
-def near_pairs(
-    count: int,
+def list_near(
     within: Array,
+    jacobian: Array,
+    ratio: Array,
+    moves: Array,
+    obstacle_motions: Array,
+    firsts: Indices,
+    seconds: Indices,
     bound: Array,
     fresh: Flags,
     normals: Array,
     points: Array,
-    firsts: Indices,
-    seconds: Indices,
-    moves: Array,
-    ratio: Array,
-    jacobian: Array,
-    links: int,
-    obstacle_motions: Array,
-) -> tuple[Indices, Array, Array, Array, Array]:
-    """The fields of :class:`Near` for the ``count`` measured pairs nearer than ``within`` (pairs,).
+    pairs: Indices,
+    distance: Array,
+    slope: Array,
+    drift: Array,
+    own: Array,
+) -> int:
+    """Writes the measured pairs nearer than ``within`` (pairs,) into the first rows of the arrays of a :class:`Near`,
+    ``pairs`` to ``own``, that has room for all; how many there are.
 
-    ``ratio`` (m, n): motion of the moving joints per controlled joint. ``obstacle_motions`` (obstacles, 3, 3): their
-    velocities, angular velocities and origins.
+    ``jacobian`` (m, 6): twists that the moving joints give. ``ratio`` (m, n): their motion per controlled joint.
+    ``obstacle_motions`` (obstacles, 3, 3) as in :func:`note_motion`.
     """
     m, n = ratio.shape
-    pairs, distance, drift, own = np.empty(count, np.int64), np.empty(count), np.zeros(count), np.zeros(count)
-    slope, row = np.zeros((count, n)), 0
+    links, row = len(moves) - len(obstacle_motions), 0
     for pair in range(len(bound)):
         if not fresh[pair] or bound[pair] >= within[pair]:
             continue
         pairs[row], distance[row] = pair, bound[pair]
         normal, first, second = normals[pair], points[pair, 0], points[pair, 1]
+        slope[row] = 0.0
         for joint in range(m):
             twist = jacobian[joint]
             towards = moves[seconds[pair], joint] * _speed_along(normal, second, twist)
@@ -242,11 +236,11 @@ def near_pairs(
             for controlled in range(n):
                 slope[row, controlled] += towards * ratio[joint, controlled]
         if seconds[pair] < links:
-            own[row] = 1.0
+            own[row], drift[row] = 1.0, 0.0
         else:
-            drift[row] = _drift(normal, second, obstacle_motions[seconds[pair] - links])
+            own[row], drift[row] = 0.0, _drift(normal, second, obstacle_motions[seconds[pair] - links])
         row += 1
-    return pairs, distance, slope, drift, own
+    return row
 
 
 @compiled
@@ -260,7 +254,7 @@ def _speed_along(normal: Array, point: Array, twist: Array) -> float:
 
 @compiled
 def _drift(normal: Array, point: Array, motion: Array) -> float:
-    """How fast an obstacle's own motion, (3, 3) as in :func:`near_pairs`, carries a point of it along the normal."""
+    """How fast an obstacle's own motion, (3, 3) as in :func:`note_motion`, carries a point of it along the normal."""
     velocity, spin, lever = motion[0], motion[1], point - motion[2]
     drift = normal[0] * (velocity[0] + (spin[1] * lever[2] - spin[2] * lever[1]))
     drift += normal[1] * (velocity[1] + (spin[2] * lever[0] - spin[0] * lever[2]))

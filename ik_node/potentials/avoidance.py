@@ -74,22 +74,22 @@ def _push(distance: float, span: float) -> tuple[float, float]:
     return np.maximum(-distance, 0.0) - 0.25 * span * part * slope, slope
 
 
-def repulsion(near: Near, settings: ObstacleSettings) -> Potential:
-    """h and grad_h of the pairs in ``near``."""
-    if not len(near.pair):
+def repulsion(near: Near, count: int, settings: ObstacleSettings) -> Potential:
+    """h and grad_h of the pairs in the first ``count`` rows of ``near``."""
+    if count == 0:
         return _no_push(near.slope.shape[1])
     value, gradient = _repulsion(
-        near.distance, near.slope, near.self_collision, settings.self_range, settings.range, settings.strength
+        count, near.distance, near.slope, near.self_collision, settings.self_range, settings.range, settings.strength
     )
     return Potential(value, gradient)
 
 
 @compiled
 def _repulsion(
-    distance: Array, slope: Array, own: Array, self_range: float, obstacle_range: float, strength: float
+    count: int, distance: Array, slope: Array, own: Array, self_range: float, obstacle_range: float, strength: float
 ) -> tuple[float, Array]:
     total, gradient = 0.0, np.zeros(slope.shape[1])
-    for row in range(len(distance)):
+    for row in range(count):
         value, steepness = _push(distance[row], self_range if own[row] > 0.0 else obstacle_range)
         total += value
         for joint in range(len(gradient)):
@@ -98,12 +98,15 @@ def _repulsion(
 
 
 def dampers(
-    clearance: Clearance, near: Near, qd: Array, change: Array, settings: ObstacleSettings, hold_s: float
+    clearance: Clearance, count: int, qd: Array, change: Array, settings: ObstacleSettings, hold_s: float
 ) -> Dampers:
-    """The dampers of ``near`` that can bind at velocities within ``change`` (n,) of ``qd`` (n,), rad/s (m/s)."""
-    if not len(near.pair):
+    """The dampers of the first ``count`` rows of ``clearance`` that can bind at velocities within ``change`` (n,) of
+    ``qd`` (n,), rad/s (m/s)."""
+    if count == 0:
         return _no_dampers(len(qd))
+    near = clearance.rows
     can_bind, rows, least = _dampers(
+        count,
         near.distance,
         near.slope,
         near.drift,
@@ -121,6 +124,7 @@ def dampers(
 
 @compiled
 def _dampers(
+    count: int,
     distance: Array,
     slope: Array,
     drift: Array,
@@ -133,8 +137,8 @@ def _dampers(
     hold_s: float,
 ) -> tuple[Indices, Array, Array]:
     """Which of them can bind, the rows of ``slope`` (k, n) of these, and what they are to be at least."""
-    least, can_bind = np.empty(len(distance)), np.zeros(len(distance), np.bool_)
-    for row in range(len(distance)):
+    least, can_bind = np.empty(count), np.zeros(count, np.bool_)
+    for row in range(count):
         room = distance[row] - (self_stop if own[row] > 0.0 else stop)
         least[row] = -viable_speed_at(room, deceleration, hold_s, hold_s) - drift[row]
         slowest = 0.0
@@ -202,16 +206,17 @@ def look_around(
         )
     else:
         within = _ranges(clearance.self_pairs(), *ranges)
-    near, closest = clearance.measure(q, within)
-    brakes = dampers(clearance, near, qd, change, settings, hold_s) if settings.damper else _no_dampers(len(q))
-    potential = repulsion(near, settings) if repel else _no_push(len(q))
+    count = clearance.survey(q, within)
+    brakes = dampers(clearance, count, qd, change, settings, hold_s) if settings.damper else _no_dampers(len(q))
+    potential = repulsion(clearance.rows, count, settings) if repel else _no_push(len(q))
     if repel and settings.look_ahead_s > 0.0 and any(qd.tolist()):
         ahead = clearance.ahead
         ahead.see(scene, time_ns + round(settings.look_ahead_s * NS))
         pushing = _ranges(clearance.self_pairs(), *ranges)
-        later = repulsion(ahead.near(q + settings.look_ahead_s * qd, pushing), settings)
+        count_ahead = ahead.survey(q + settings.look_ahead_s * qd, pushing, closest=False)
+        later = repulsion(ahead.rows, count_ahead, settings)
         potential = Potential(potential.value + later.value, potential.gradient + later.gradient)
-    return Surroundings(potential, brakes, closest)
+    return Surroundings(potential, brakes, clearance.closest())
 
 
 @compiled

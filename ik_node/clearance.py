@@ -61,8 +61,7 @@ class Clearance:
         self._root_base: Array = np.ascontiguousarray(np.linalg.inv(robot.pose_base_root))
         self._names = geometry.names()
         self._link_moves = geometry.moves.astype(float)
-        self._ratio = np.column_stack([robot.motion(alone) for alone in np.eye(robot.n)])
-        self._ratio = np.ascontiguousarray(self._ratio)
+        self._ratio = np.ascontiguousarray(np.column_stack([robot.motion(alone) for alone in np.eye(robot.n)]))
         # Every link inside a ball about a point of its joint's frame.
         self._centres = [0.5 * (link.points.min(axis=0) + link.points.max(axis=0)) for link in geometry.links]
         self._radii = np.array(
@@ -101,17 +100,37 @@ class Clearance:
 
     def _build(self, obstacles: list[Obstacle]) -> None:
         geometry, count = self.geometry, len(self.geometry.links)
+        moving = np.flatnonzero(geometry.moves.any(axis=1)).tolist()
+        own = geometry.watched()
+        pairs = own + [(link, count + index) for index in range(len(obstacles)) for link in moving]
+        self._build_model(obstacles, pairs)
+        n, k = geometry.robot.n, len(pairs)
+        self._moves = np.concatenate((self._link_moves, np.zeros((len(obstacles), self._link_moves.shape[1]))))
+        reach = np.concatenate((geometry.reach, np.zeros((len(obstacles), n))))
+        self._firsts, self._seconds = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
+        self._reach = reach[self._firsts] + reach[self._seconds]
+        self._self = (np.arange(k) < len(own)).astype(float)
+        self._bound, self._fresh = np.full(k, -np.inf), np.zeros(k, dtype=np.bool_)
+        self._normals, self._points = np.zeros((k, 3)), np.zeros((k, 2, 3))
+        self.rows = Near(np.zeros(k, dtype=np.int64), np.zeros(k), np.zeros((k, n)), np.zeros(k), np.zeros(k))
+        """Room for all pairs; what the last :meth:`survey` found stands in the first rows."""
+        names = (*self._names, *(entry.name for entry in obstacles))
+        self._pair_names = [(names[first], names[second]) for first, second in pairs]
+        self._obstacles = obstacles
+        self._speeds, self._motions = np.zeros(len(obstacles)), np.zeros((len(obstacles), 3, 3))
+        for index, entry in enumerate(obstacles):
+            self._note_motion(index, entry, entry)
+
+    def _build_model(self, obstacles: list[Obstacle], pairs: list[tuple[int, int]]) -> None:
+        """Links, obstacles and the balls around the links for Pinocchio to place."""
+        links = self.geometry.links
         self._model = pin.GeometryModel()
-        for link in geometry.links:
+        for link in links:
             add(self._model, link.name, link.parent, link.solid, link.placement)
         for entry in obstacles:
             add(self._model, entry.name, 0, solid(entry.shape), self._root_placement(entry))
-        for link, centre in zip(geometry.links, self._centres, strict=True):
-            add(self._model, f"ball around {link.name}", link.parent, coal.Sphere(1.0), pin.SE3(np.eye(3), centre))
-        moving = np.flatnonzero(geometry.moves.any(axis=1)).tolist()
-        pairs = geometry.watched()
-        own = len(pairs)
-        pairs += [(link, count + index) for index in range(len(obstacles)) for link in moving]
+        for link, centre, radius in zip(links, self._centres, self._radii.tolist(), strict=True):
+            add(self._model, f"ball {link.name}", link.parent, coal.Sphere(radius), pin.SE3(np.eye(3), centre))
         for first, second in pairs:
             self._model.addCollisionPair(pin.CollisionPair(first, second))
         self._data = pin.GeometryData(self._model)
@@ -119,29 +138,7 @@ class Clearance:
         for request in self._requests:
             request.gjk_tolerance = TOLERANCE
         self._origins = _origins(self._data)
-        self._ball_centres = self._origins[count + len(obstacles) :]
-        still = np.zeros((len(obstacles), geometry.moves.shape[1]))
-        self._moves = np.concatenate((self._link_moves, still))
-        reach = np.concatenate((geometry.reach, np.zeros((len(obstacles), geometry.robot.n))))
-        self._firsts, self._seconds = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
-        self._reach = reach[self._firsts] + reach[self._seconds]
-        self._bound, self._fresh = np.full(len(pairs), -np.inf), np.zeros(len(pairs), dtype=np.bool_)
-        self._normals, self._points = np.zeros((len(pairs), 3)), np.zeros((len(pairs), 2, 3))
-        self.rows = Near(
-            np.zeros(len(pairs), dtype=np.int64),
-            np.zeros(len(pairs)),
-            np.zeros((len(pairs), geometry.robot.n)),
-            np.zeros(len(pairs)),
-            np.zeros(len(pairs)),
-        )
-        """Room for all pairs; what the last :meth:`survey` found stands in the first rows."""
-        self._self = (np.arange(len(pairs)) < own).astype(float)
-        names = (*self._names, *(entry.name for entry in obstacles))
-        self._pair_names = [(names[first], names[second]) for first, second in pairs]
-        self._obstacles = obstacles
-        self._speeds, self._motions = np.zeros(len(obstacles)), np.zeros((len(obstacles), 3, 3))
-        for index, entry in enumerate(obstacles):
-            self._note_motion(index, entry, entry)
+        self._ball_centres = self._origins[len(links) + len(obstacles) :]
         self._placed_at = b""
 
     def _root_placement(self, entry: Obstacle) -> Any:
@@ -218,6 +215,8 @@ class Clearance:
 
         ``closest``: False where :meth:`closest` is not going to be asked for.
         """
+        if not self.pairs:
+            return 0
         motion = self.geometry.robot.difference(self._q, q) if self._turns else q - self._q
         self._q = q.copy()
         jacobian = self._place(q)
@@ -282,8 +281,8 @@ class Clearance:
 def _origins(data: Any) -> Array:
     """(solids, 3): where the solids' own frames are, seen from the root, m; follows every update of the placements.
 
-    A view of Pinocchio's memory, where they lie at even steps: taking them out one by one would be most of the work of
-    a tick. RuntimeError where they do not lie there.
+    A view of Pinocchio's memory, where they lie at even steps: to take them out one by one is slower than all else that
+    is done with distances in a tick. RuntimeError where they do not lie like that.
     """
     views = [placement.translation for placement in data.oMg]
     places = [view.__array_interface__["data"][0] for view in views]
@@ -304,8 +303,6 @@ def _radius(link: Link, centre: Array) -> float:
 
 
 _FIRST_GUESS, _FIRST_CORNERS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
-
-
 _NOWHERE = Closest(float("inf"), (), np.full((2, 3), np.nan))
 
 

@@ -225,6 +225,32 @@ def test_nearest_points_and_drift() -> None:
     assert later.distance == pytest.approx(np.hypot(0.25, 0.02) - 0.15)
 
 
+def test_an_arm_of_one_joint_and_an_arm_without_pairs() -> None:
+    """The smallest cases: a ball on a lever that turns towards another, and nothing to be near to."""
+    solid = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
+    robot = Robot(
+        f'<robot name="lever"><link name="a"/><link name="b">{solid}</link><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    clearance, q, still = Clearance(collision.load(robot)), np.zeros(1), np.zeros(1)
+    near, closest = clearance.measure(q, np.zeros(0))
+    assert (len(near.pair), closest.distance, closest.names) == (0, np.inf, ())
+    assert clearance.speeds(q, still, still).shape == (0,)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.5, 0.3, 0.0
+    clearance.see(Scene().put(obstacle("ball", shape("sphere", (0.1,)), pose)), 0)
+    near, closest = clearance.measure(q, np.ones(1))
+    assert closest.distance == pytest.approx(0.1)
+    assert near.slope == pytest.approx(np.array([[-0.5]]))
+    assert clearance.speeds(q, np.array([2.0]), still)[0] >= 1.0
+
+
+def test_what_is_not_known_counts_as_near() -> None:
+    """A NaN among the distances that are asked for must not hide a pair."""
+    clearance, q = Clearance(geometry_of("panda")), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
+    assert len(clearance.measure(q, np.full(clearance.pairs, np.nan))[0].pair) == clearance.pairs
+
+
 def test_speeds_are_upper_bounds() -> None:
     """What the dampers rely on: no pair comes nearer faster than :meth:`Clearance.speeds` says."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(6)

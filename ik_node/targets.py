@@ -14,7 +14,6 @@ samples say where the target is now. There the arm falls behind, and catches up 
 
 from __future__ import annotations
 
-import dataclasses
 from enum import Enum
 from math import nan
 from typing import NamedTuple
@@ -124,7 +123,7 @@ class Targets:
         reference = _resting(pose_sd)
         self._time_ns = time_ns
         if self._source is Source.POSE:
-            self._stream.restore(dataclasses.replace(self._stream.state(), time_ns=time_ns, motion=reference, plan=()))
+            self._stream.rest_at(reference, time_ns)
         elif self._on_path:
             self._path.rest_at(reference, time_ns)
         else:
@@ -135,8 +134,7 @@ class Targets:
         if self._source is not Source.POSE:
             reference = self._motion()
             self._take_command(Source.POSE, stamped.received_ns)
-            self._stream.start(pose_sd, self._time_ns)
-            self._stream.restore(dataclasses.replace(self._stream.state(), motion=reference))
+            self._stream.take_over(reference, self._time_ns)
         self._stream.add(pose_sd, stamped)
 
     def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant, q: Array | None = None) -> None:
@@ -207,7 +205,7 @@ class Targets:
     def _motion(self) -> RigidMotion:
         """The reference at the last tick."""
         if self._source is Source.POSE:
-            return self._stream.state().motion
+            return self._stream.motion()
         return self._path.motion() if self._on_path else self._jog.motion()
 
     @property

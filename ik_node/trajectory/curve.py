@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ik_node.compiled import compiled
 from ik_node.trajectory.reference import RigidMotion
 from ik_node.trajectory.rotations import ZERO, Quaternion, Vector, from_vector, multiply
 
@@ -36,6 +37,7 @@ class Moment(NamedTuple):
     """Its derivative [1/s]."""
 
 
+@compiled
 def evaluate(curve: Curve, moment: Moment, turning: Moment) -> RigidMotion:
     """The motion along ``curve``: the position's part at ``moment``, the orientation's at ``turning``."""
     position, velocity, acceleration = _polynomial(curve.position, curve.velocity, curve.acceleration, moment)
@@ -46,11 +48,13 @@ def evaluate(curve: Curve, moment: Moment, turning: Moment) -> RigidMotion:
     )
 
 
+@compiled
 def resting(position: Vector, orientation: Quaternion) -> RigidMotion:
     """At rest at one pose."""
     return RigidMotion(position, ZERO, ZERO, orientation, ZERO, ZERO)
 
 
+@compiled
 def _polynomial(p: Vector, v: Vector, a: Vector, moment: Moment) -> tuple[Vector, Vector, Vector]:
     t, pace, change = moment
     half = 0.5 * t
@@ -64,6 +68,7 @@ def _polynomial(p: Vector, v: Vector, a: Vector, moment: Moment) -> tuple[Vector
     )
 
 
+@compiled
 def _left_jacobian(turn: Vector, slope: Vector) -> Vector:
     """J_l(turn) slope to first order: turns are those of a sample period, where the rest is below 1 %."""
     x, y, z = turn

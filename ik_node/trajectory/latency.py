@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ik_node.clock import NS
+from ik_node.compiled import compiled
 
 PREDICTABLE, UNPREDICTABLE = 0.05, 0.08
 """Error of the predictions as part of the way between samples, up to which the motion does not lag, and from which on
@@ -25,18 +26,20 @@ class Latency(NamedTuple):
     goal_s: float = 0.0
     time_ns: int = 0
 
-    def at(self, time_ns: int) -> tuple[float, float]:
-        """Latency [s] and its rate of change."""
-        left = self.goal_s - self.value_s
-        # a late tick asks for moments before the newest sample
-        change = LATENCY_RATE * max(0, time_ns - self.time_ns) / NS
-        if abs(left) <= change:
-            return self.goal_s, 0.0
-        return (self.value_s + change, LATENCY_RATE) if left > 0.0 else (self.value_s - change, -LATENCY_RATE)
-
     def drawn_to(self, goal_s: float, time_ns: int) -> Latency:
         """The same latency on its way to another."""
-        return Latency(self.at(time_ns)[0], goal_s, time_ns)
+        return Latency(lag_at(self, time_ns)[0], goal_s, time_ns)
+
+
+@compiled
+def lag_at(latency: Latency, time_ns: int) -> tuple[float, float]:
+    """Latency [s] and its rate of change."""
+    left = latency.goal_s - latency.value_s
+    # a late tick asks for moments before the newest sample
+    change = LATENCY_RATE * max(0, time_ns - latency.time_ns) / NS
+    if abs(left) <= change:
+        return latency.goal_s, 0.0
+    return (latency.value_s + change, LATENCY_RATE) if left > 0.0 else (latency.value_s - change, -LATENCY_RATE)
 
 
 def wanted(unpredictability: float, most_s: float) -> float:

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.trajectory.rotations import (
     IDENTITY,
@@ -79,6 +80,7 @@ class Jerk(NamedTuple):
     duration_s: float
 
 
+@compiled
 def move(motion: RigidMotion, jerk: Jerk, duration_s: float) -> RigidMotion:
     """``motion`` after ``duration_s`` of constant ``jerk``; exact but for products of turning axes, O(dt^3)."""
     moved, velocity, acceleration = _integrate(motion.velocity, motion.acceleration, jerk.linear, duration_s)
@@ -94,6 +96,7 @@ def move(motion: RigidMotion, jerk: Jerk, duration_s: float) -> RigidMotion:
     )
 
 
+@compiled
 def _integrate(v: Vector, a: Vector, j: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
     half, sixth = 0.5 * dt, dt * dt / 6.0
     ax, ay, az = a
@@ -110,6 +113,7 @@ def _integrate(v: Vector, a: Vector, j: Vector, dt: float) -> tuple[Vector, Vect
     )
 
 
+@compiled
 def orientation_error(goal: Quaternion, orientation: Quaternion, previous: Vector) -> Vector:
     """The turn [rad], written in {s}, from ``orientation`` to ``goal``.
 
@@ -125,6 +129,7 @@ def orientation_error(goal: Quaternion, orientation: Quaternion, previous: Vecto
     return turn
 
 
+@compiled
 def chase(
     error: Vector,
     velocity: Vector,
@@ -160,6 +165,7 @@ def chase(
     return _within_speed(velocity, acceleration, jerk, bounds, dt)
 
 
+@compiled
 def _cut(x: float, y: float, z: float, length: float) -> Vector:
     squared = x * x + y * y + z * z
     if squared <= length * length:
@@ -168,6 +174,7 @@ def _cut(x: float, y: float, z: float, length: float) -> Vector:
     return (x * factor, y * factor, z * factor)
 
 
+@compiled
 def _within_speed(v: Vector, a: Vector, jerk: Vector, bounds: Bounds, dt: float) -> Vector:
     """``jerk``, or the one that ends the acceleration soonest where ``jerk`` would lead past the speed bound."""
     now = _speed_left(v, a, bounds.jerk, dt)
@@ -180,6 +187,7 @@ def _within_speed(v: Vector, a: Vector, jerk: Vector, bounds: Bounds, dt: float)
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
+@compiled
 def _speed_left(v: Vector, a: Vector, jerk: float, dt: float) -> float:
     """Squared speed that remains once the acceleration has been ended with ``jerk``, in whole steps of ``dt``."""
     ax, ay, az = a
@@ -188,15 +196,18 @@ def _speed_left(v: Vector, a: Vector, jerk: float, dt: float) -> float:
     return x * x + y * y + z * z
 
 
+@compiled
 def pose_of(motion: RigidMotion) -> Array:
     """T_sd (4, 4)."""
-    pose = np.empty((4, 4))
-    pose[:3, :3] = to_matrix(motion.orientation)
-    pose[:3, 3] = motion.position
-    pose[3] = (0.0, 0.0, 0.0, 1.0)
+    pose, rows = np.empty((4, 4)), to_matrix(motion.orientation)
+    for i in range(3):
+        pose[i, 0], pose[i, 1], pose[i, 2] = rows[i]
+        pose[i, 3] = motion.position[i]
+    pose[3, 0], pose[3, 1], pose[3, 2], pose[3, 3] = 0.0, 0.0, 0.0, 1.0
     return pose
 
 
+@compiled
 def mean_twist(start: RigidMotion, end: RigidMotion, duration_s: float) -> Array:
     """log(T_start^-1 T_end) / duration: the body twist (v, omega) that leads from one pose to the other."""
     x, y, z = to_vector(multiply(conjugate(start.orientation), end.orientation))

@@ -1,14 +1,21 @@
 """Rotations as unit quaternions in plain floats, for the code that runs at every tick.
 
-A 3-vector or quaternion as a tuple of floats costs a tenth of what the same costs as a small array. Quaternions are
+Tuples of floats stay in registers once compiled, and cost a tenth of a small array where they do not. Quaternions are
 (w, x, y, z); rotation vectors are axis times angle, in rad. Poses at the edges stay arrays: see ``ik_node.se3``.
 """
 
 from __future__ import annotations
 
 from math import atan2, cos, sin, sqrt
+from typing import TYPE_CHECKING
 
-from ik_node.se3 import Array
+import numpy as np
+
+from ik_node.compiled import compiled
+from ik_node.errors import InputError
+
+if TYPE_CHECKING:  # ik_node.se3 is built on this module
+    from ik_node.se3 import Array
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -17,17 +24,20 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
+@compiled
 def length(a: Vector) -> float:
     """Euclidean norm."""
     x, y, z = a
     return sqrt(x * x + y * y + z * z)
 
 
+@compiled
 def difference(a: Vector, b: Vector) -> Vector:
     """``a`` less ``b``."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
+@compiled
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """The rotation ``b`` followed by ``a``, both about axes of the outer frame."""
     aw, ax, ay, az = a
@@ -40,11 +50,13 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
+@compiled
 def conjugate(a: Quaternion) -> Quaternion:
     """The inverse rotation."""
     return (a[0], -a[1], -a[2], -a[3])
 
 
+@compiled
 def normalised(a: Quaternion) -> Quaternion:
     """``a`` at unit length; without it rounding adds up over an hour of ticks."""
     w, x, y, z = a
@@ -52,6 +64,7 @@ def normalised(a: Quaternion) -> Quaternion:
     return (w * scale, x * scale, y * scale, z * scale)
 
 
+@compiled
 def from_vector(turn: Vector) -> Quaternion:
     """Exponential: the rotation about ``turn`` by its length."""
     x, y, z = turn
@@ -64,6 +77,7 @@ def from_vector(turn: Vector) -> Quaternion:
     return (cos(0.5 * angle), x * factor, y * factor, z * factor)
 
 
+@compiled
 def to_vector(a: Quaternion) -> Vector:
     """Logarithm: the shortest rotation vector, length in [0, pi]; q and -q give the same."""
     w, x, y, z = a
@@ -75,8 +89,19 @@ def to_vector(a: Quaternion) -> Vector:
 
 
 def from_matrix(pose: Array) -> Quaternion:
-    """Quaternion of the rotation part of a pose (4, 4) or a rotation matrix (3, 3); Shepperd's choice of divisor."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = pose[:3, :3].tolist()
+    """Quaternion of the rotation part of a pose (4, 4) or a rotation matrix (3, 3), however it lies in memory."""
+    matrix = np.ascontiguousarray(pose, dtype=np.float64)
+    if matrix.shape not in ((4, 4), (3, 3)):
+        raise InputError(f"rotation has shape {matrix.shape}, expected (4, 4) or (3, 3)")
+    return orientation_in(matrix)
+
+
+@compiled
+def orientation_in(pose: Array) -> Quaternion:
+    """:func:`from_matrix` of a C-contiguous array; Shepperd's choice of divisor."""
+    xx, xy, xz = pose[0, 0], pose[0, 1], pose[0, 2]
+    yx, yy, yz = pose[1, 0], pose[1, 1], pose[1, 2]
+    zx, zy, zz = pose[2, 0], pose[2, 1], pose[2, 2]
     trace = xx + yy + zz
     if trace >= max(xx, yy, zz):
         return normalised((1.0 + trace, zy - yz, xz - zx, yx - xy))
@@ -87,6 +112,13 @@ def from_matrix(pose: Array) -> Quaternion:
     return normalised((yx - xy, xz + zx, yz + zy, 1.0 + zz - xx - yy))
 
 
+@compiled
+def position_in(pose: Array) -> Vector:
+    """The origin of a pose (4, 4)."""
+    return (pose[0, 3], pose[1, 3], pose[2, 3])
+
+
+@compiled
 def rotate_back(a: Quaternion, v: Vector) -> Vector:
     """``v`` of the outer frame, written in the frame that ``a`` turns to: R' v."""
     w, x, y, z = a
@@ -101,6 +133,7 @@ def rotate_back(a: Quaternion, v: Vector) -> Vector:
     )
 
 
+@compiled
 def to_matrix(a: Quaternion) -> tuple[Vector, Vector, Vector]:
     """Rows of the rotation matrix of a unit quaternion."""
     w, x, y, z = a

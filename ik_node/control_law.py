@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node import se3
+from ik_node.compiled import compiled
 from ik_node.inverse_kinematics import PoseSolver
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import ControlSettings
 from ik_node.trajectory.motion import Motion
+from ik_node.trajectory.rotations import length
 
 
 class DesiredTwist(NamedTuple):
@@ -64,15 +66,34 @@ def twist_feedback(pose_sb: Array, motion: Motion, control: ControlSettings) -> 
     stands between them. The feedback part is capped in speed, its direction kept: a far target is approached at bounded
     speed.
     """
-    pose_bd = se3.inverse(pose_sb) @ motion.pose_sd
-    error_b = se3.log(pose_bd)
-    feedforward_b = se3.adjoint(pose_bd) @ motion.twist_d
-    feedback = np.empty(6)
-    feedback[:3] = _capped(control.gain_linear * error_b[:3], control.max_feedback_linear)
-    feedback[3:] = _capped(control.gain_angular * error_b[3:], control.max_feedback_angular)
-    return DesiredTwist(error_b, feedforward_b, feedforward_b + feedback)
+    return _feedback(
+        np.ascontiguousarray(pose_sb),
+        *motion,
+        control.gain_linear,
+        control.gain_angular,
+        control.max_feedback_linear,
+        control.max_feedback_angular,
+    )
 
 
-def _capped(velocity: Array, limit: float) -> Array:
-    speed = float(np.sqrt(velocity @ velocity))
-    return velocity * (limit / speed) if speed > limit else velocity
+@compiled
+def _feedback(
+    pose_sb: Array,
+    pose_sd: Array,
+    twist_d: Array,
+    gain_linear: float,
+    gain_angular: float,
+    max_linear: float,
+    max_angular: float,
+) -> DesiredTwist:
+    pose_bd = se3.between(pose_sb, pose_sd)
+    error_b, feedforward_b = se3.twist_to(pose_bd), se3.carried(pose_bd, twist_d)
+    twist_b = feedforward_b.copy()
+    for first, gain, limit in ((0, gain_linear, max_linear), (3, gain_angular, max_angular)):
+        x, y, z = gain * error_b[first], gain * error_b[first + 1], gain * error_b[first + 2]
+        speed = length((x, y, z))
+        part = limit / speed if speed > limit else 1.0
+        twist_b[first] += part * x
+        twist_b[first + 1] += part * y
+        twist_b[first + 2] += part * z
+    return DesiredTwist(error_b, feedforward_b, twist_b)

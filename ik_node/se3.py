@@ -7,18 +7,33 @@ one into the other, and this is the only place that says so.
 
 from __future__ import annotations
 
+from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from ik_node.compiled import compiled
 from ik_node.errors import InputError
+from ik_node.trajectory.rotations import (
+    cross,
+    difference,
+    dot,
+    from_matrix,
+    from_vector,
+    orientation_in,
+    position_in,
+    to_matrix,
+    to_vector,
+)
 
 Array = NDArray[np.float64]
 
 ROTATION_TOLERANCE = 1e-3
 """How far from unit norm a quaternion, or from SO(3) a matrix, may be and still be put right instead of refused."""
+
+
+_ORIGIN = np.eye(4)
 
 
 def vector(values: ArrayLike, size: int, name: str) -> Array:
@@ -41,20 +56,13 @@ def rotation_from_quaternion(xyzw: ArrayLike, name: str = "orientation") -> Arra
     if abs(norm - 1.0) > ROTATION_TOLERANCE:
         raise InputError(f"{name} quaternion has norm {norm:.6g}; accepted: 1 within {ROTATION_TOLERANCE}")
     x, y, z, w = (quaternion / norm).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.array(to_matrix((w, x, y, z)))
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
     """Unit quaternion x, y, z, w of a rotation matrix (3, 3), with w >= 0."""
-    # In Fortran's order: of other arrays eigenpy 3.13 makes a copy that it never frees, 80 bytes a call.
-    coefficients: Array = pin.Quaternion(np.asfortranarray(rotation)).coeffs()
-    return -coefficients if coefficients[3] < 0.0 else coefficients
+    w, x, y, z = from_matrix(rotation)
+    return np.array((-x, -y, -z, -w) if w < 0.0 else (x, y, z, w))
 
 
 def checked_pose(matrix: ArrayLike, name: str = "pose") -> Array:
@@ -90,17 +98,12 @@ def pose_from(position: ArrayLike, quaternion_xyzw: ArrayLike, name: str = "pose
 
 def inverse(pose: Array) -> Array:
     """T_ba of T_ab."""
-    result = np.eye(4)
-    rotation_t = pose[:3, :3].T
-    result[:3, :3] = rotation_t
-    result[:3, 3] = -(rotation_t @ pose[:3, 3])
-    return result
+    return between(_as_pose(pose), _ORIGIN)
 
 
 def exp(twist: Array) -> Array:
     """Pose (4, 4) reached from the identity by following ``twist`` (v, omega) for one second."""
-    result: Array = pin.exp6(pin.Motion(twist)).homogeneous
-    return result
+    return pose_after(_as_vector(twist, 6))
 
 
 def log(pose: Array) -> Array:
@@ -108,26 +111,124 @@ def log(pose: Array) -> Array:
 
     At exactly pi the axis has two signs, both right; one is chosen. Accurate to rounding near 0 and near pi.
     """
-    result: Array = pin.log6(pin.SE3(pose)).vector
-    return result
+    return twist_to(_as_pose(pose))
 
 
 def exp_rotation(rotation_vector: Array) -> Array:
     """Rotation matrix (3, 3) about ``rotation_vector`` by its length in rad."""
-    result: Array = pin.exp3(rotation_vector)
-    return result
+    x, y, z = _as_vector(rotation_vector, 3).tolist()
+    return np.array(to_matrix(from_vector((x, y, z))))
 
 
 def log_rotation(rotation: Array) -> Array:
     """Rotation vector (3,) of ``rotation``, length in [0, pi]."""
-    result: Array = pin.log3(rotation)
-    return result
+    return np.array(to_vector(from_matrix(rotation)))
 
 
 def adjoint(pose: Array) -> Array:
     """Ad(T_ab), (6, 6): turns a twist (v, omega) written in {b} into the same twist written in {a}."""
-    result: Array = pin.SE3(pose).action
-    return result
+    return adjoint_of(_as_pose(pose))
+
+
+def _as_pose(pose: ArrayLike) -> Array:
+    """As compiled functions take it."""
+    matrix = np.ascontiguousarray(pose, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        raise InputError(f"pose has shape {matrix.shape}, expected (4, 4)")
+    return matrix
+
+
+def _as_vector(values: ArrayLike, size: int) -> Array:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != (size,):
+        raise InputError(f"vector has shape {array.shape}, expected ({size},)")
+    return array
+
+
+# --- the same for compiled code: C-contiguous arrays of the right shape, unchecked ------------------------------------
+
+
+@compiled
+def between(pose_sa: Array, pose_sb: Array) -> Array:
+    """T_ab = T_sa^-1 T_sb."""
+    pose = np.empty((4, 4))
+    x, y, z = difference(position_in(pose_sb), position_in(pose_sa))
+    for i in range(3):
+        rx, ry, rz = pose_sa[0, i], pose_sa[1, i], pose_sa[2, i]
+        for j in range(3):
+            pose[i, j] = rx * pose_sb[0, j] + ry * pose_sb[1, j] + rz * pose_sb[2, j]
+        pose[i, 3] = rx * x + ry * y + rz * z
+    pose[3, 0], pose[3, 1], pose[3, 2], pose[3, 3] = 0.0, 0.0, 0.0, 1.0
+    return pose
+
+
+@compiled
+def pose_after(twist: Array) -> Array:
+    """:func:`exp`."""
+    v, turn = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])
+    squared = dot(turn, turn)
+    # V v, with V = 1 + a [turn] + b [turn]^2 the left Jacobian
+    if squared < 1e-2:  # series, exact to rounding: no division by the angle
+        a = 0.5 + squared * (-1 / 24 + squared * (1 / 720 - squared / 40320))
+        b = 1 / 6 + squared * (-1 / 120 + squared * (1 / 5040 - squared / 362880))
+    else:
+        angle = sqrt(squared)
+        a, b = (1.0 - cos(angle)) / squared, (angle - sin(angle)) / (squared * angle)
+    once = cross(turn, v)
+    twice = cross(turn, once)
+    pose, rows = np.empty((4, 4)), to_matrix(from_vector(turn))
+    for i in range(3):
+        pose[i, 0], pose[i, 1], pose[i, 2] = rows[i]
+        pose[i, 3] = v[i] + a * once[i] + b * twice[i]
+    pose[3, 0], pose[3, 1], pose[3, 2], pose[3, 3] = 0.0, 0.0, 0.0, 1.0
+    return pose
+
+
+@compiled
+def twist_to(pose: Array) -> Array:
+    """:func:`log`."""
+    turn, p = to_vector(orientation_in(pose)), position_in(pose)
+    squared = dot(turn, turn)
+    # V^-1 p, with V^-1 = 1 - [turn] / 2 + c [turn]^2
+    if squared < 1e-2:
+        c = 1 / 12 + squared * (1 / 720 + squared * (1 / 30240 + squared / 1209600))
+    else:
+        half = 0.5 * sqrt(squared)
+        c = (1.0 - half * cos(half) / sin(half)) / squared
+    once = cross(turn, p)
+    twice = cross(turn, once)
+    twist = np.empty(6)
+    for i in range(3):
+        twist[i], twist[3 + i] = p[i] - 0.5 * once[i] + c * twice[i], turn[i]
+    return twist
+
+
+@compiled
+def adjoint_of(pose_ab: Array) -> Array:
+    """:func:`adjoint`."""
+    matrix = np.zeros((6, 6))
+    p = position_in(pose_ab)
+    for j in range(3):
+        axis = (pose_ab[0, j], pose_ab[1, j], pose_ab[2, j])
+        moved = cross(p, axis)
+        for i in range(3):
+            matrix[i, j] = matrix[3 + i, 3 + j] = axis[i]
+            matrix[i, 3 + j] = moved[i]
+    return matrix
+
+
+@compiled
+def carried(pose_ab: Array, twist_b: Array) -> Array:
+    """Ad(T_ab) V: the twist (v, omega) written in {b}, written in {a}."""
+    twist = np.empty(6)
+    for i in range(3):
+        x, y, z = pose_ab[i, 0], pose_ab[i, 1], pose_ab[i, 2]
+        twist[i] = x * twist_b[0] + y * twist_b[1] + z * twist_b[2]
+        twist[3 + i] = x * twist_b[3] + y * twist_b[4] + z * twist_b[5]
+    moved = cross(position_in(pose_ab), (twist[3], twist[4], twist[5]))
+    for i in range(3):
+        twist[i] += moved[i]
+    return twist
 
 
 def angular_first(twist: Any) -> Array:

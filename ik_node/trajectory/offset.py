@@ -26,6 +26,7 @@ from ik_node.trajectory.rotations import (
     Quaternion,
     Vector,
     conjugate,
+    cross,
     difference,
     from_vector,
     length,
@@ -180,11 +181,6 @@ def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
 def rotate(turn: Quaternion, vector: Vector) -> Vector:
     """R v."""
     return rotate_back(conjugate(turn), vector)
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def likely_part(pace: float) -> float:

@@ -38,6 +38,18 @@ def difference(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
+def dot(a: Vector, b: Vector) -> float:
+    """a' b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@compiled
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """The rotation ``b`` followed by ``a``, both about axes of the outer frame."""
     aw, ax, ay, az = a

@@ -18,6 +18,7 @@ from ik_node.errors import RobotError
 from ik_node.mimic import following, masters_range, read_mimics
 from ik_node.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
 from ik_node.se3 import Array
+from ik_node.short_way import short_ways
 
 GRAVITY = 9.81
 """Gravitational acceleration along -z of the model's root, m/s2 (Pinocchio's default)."""
@@ -254,9 +255,7 @@ class Robot:
 
     def difference(self, q_from: Array, q_to: Array) -> Array:
         """``q_to - q_from``, the short way round where a joint has no limits."""
-        delta = q_to - q_from
-        turns = np.round(delta / (2.0 * np.pi))
-        return np.where(self.continuous, delta - 2.0 * np.pi * turns, delta)
+        return np.asarray(short_ways(q_from, q_to, self.continuous))
 
 
 @compiled

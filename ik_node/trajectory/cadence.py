@@ -7,10 +7,13 @@ through the stamps, so exact for a stream without jitter) says when the sample s
 from __future__ import annotations
 
 from math import inf, sqrt
-from statistics import median_low
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ik_node.clock import NS
+from ik_node.compiled import compiled
 
 UNKNOWN_PERIOD_S = 0.05
 """Sample period that is assumed until two samples have come."""
@@ -65,7 +68,7 @@ def followed(cadence: Cadence, time_ns: int) -> Cadence:
     """The rhythm with one more sample, later than the newest."""
     interval = time_ns - cadence.time_ns
     intervals = (*cadence.intervals[1 - INTERVALS :], interval)
-    mean_s = _period(intervals, cadence.period_s * NS)
+    mean_s = _period(np.array(intervals, dtype=np.int64), cadence.period_s * NS)
     # until the line is long its slope is worse than the mean interval; later it must agree, else it has lost steps
     locked_s = cadence.locked_period_s
     if cadence.age < INTERVALS or abs(locked_s - mean_s) > LARGEST_DISAGREEMENT * mean_s:
@@ -89,24 +92,33 @@ def followed(cadence: Cadence, time_ns: int) -> Cadence:
     )
 
 
-def _period(intervals: tuple[int, ...], known: float) -> float:
+@compiled
+def _period(intervals: NDArray[np.int64], known: float) -> float:
     """Time over steps [s]: the jitter of all samples but the first and last cancels.
 
     Steps are counted with the median, which is itself off by part of the jitter; the period ``known`` [ns] counts
     them if they then fit clearly better.
     """
-    period, misfit = _counted(intervals, float(median_low(intervals)))
+    period, misfit = _counted(intervals, float(np.sort(intervals)[(len(intervals) - 1) // 2]))
     other, other_misfit = _counted(intervals, known)
     return (other if other_misfit < CLEARLY_BETTER * misfit else period) / NS
 
 
-def _counted(intervals: tuple[int, ...], guess: float) -> tuple[float, float]:
+@compiled
+def _counted(intervals: NDArray[np.int64], guess: float) -> tuple[float, float]:
     """Period [ns] when steps are counted with ``guess``, and the mean squared misfit in steps."""
-    period = guess
+    period, steps = guess, np.empty(len(intervals), dtype=np.int64)
     for _ in range(2):
-        counted = [(interval, max(1, round(interval / period))) for interval in intervals]
-        near = [(interval, steps) for interval, steps in counted if steps <= MOST_MISSED]
-        if not near:
+        time_ns = count = 0
+        for i, interval in enumerate(intervals):
+            steps[i] = max(1, round(interval / period))
+            if steps[i] <= MOST_MISSED:
+                time_ns, count = time_ns + interval, count + steps[i]
+        if count == 0:
             return guess, inf
-        period = sum(interval for interval, _ in near) / sum(steps for _, steps in near)
-    return period, sum((interval / period - steps) ** 2 for interval, steps in near) / len(near)
+        period = time_ns / count
+    misfit, near = 0.0, 0
+    for i, interval in enumerate(intervals):
+        if steps[i] <= MOST_MISSED:
+            misfit, near = misfit + (interval / period - steps[i]) ** 2, near + 1
+    return period, misfit / near

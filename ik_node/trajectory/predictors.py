@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.trajectory.rotations import Quaternion, Vector, conjugate, difference, length, multiply, to_vector
 
@@ -53,7 +54,7 @@ FLOOR = np.array((1e-12, 1e-10))
 """Mean squared errors [m2, rad2] below which predictors count as equally good: a micrometre, 10 microradian."""
 
 _N = len(PREDICTORS)
-_DOUBT = np.array([[1.0 if degree > 0 else BENEFIT] for degree, _ in PREDICTORS])
+_DOUBT = np.array([1.0 if degree > 0 else BENEFIT for degree, _ in PREDICTORS])
 _DEGREE = np.array([degree for degree, _ in PREDICTORS] * 2)
 _FADE = np.array([fade for _, fade in PREDICTORS] * 2)
 _MOVING = (_DEGREE[:_N] > 0) / np.count_nonzero(_DEGREE[:_N])
@@ -112,44 +113,15 @@ class Bank(NamedTuple):
 
         The noise of the samples that the predictions are compared with is taken off, as if all error were noise.
         """
-        if self.long_count < LEARNING:
-            return (0.0, 0.0)
-        errors = self.long_errors[self._used]
-        best = errors.argmin(axis=0)
-        way = self.long_steps + (1.0 + self.long_weight) * SMALL_STEP
-        of_target = errors[best, (0, 1)] * _PART_OF_TARGET[best] / way
-        position, orientation = np.sqrt(of_target).tolist()
-        return (position, orientation)
-
-    @property
-    def _used(self) -> slice:
-        return slice(_N, None) if self.regular else slice(0, _N)
+        return _unpredictability(self.long_errors, self.long_steps, self.long_weight, self.long_count, self.regular)
 
     def curve(self) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
         """Position, rotation vector, and their derivatives at the newest sample, weighted over the predictors.
 
         In the order of ``curve.Curve``: position, velocity, acceleration, rotation vector, its two derivatives.
         """
-        used = self._used
-        if self.weight > 0.0:
-            errors = (self.errors[used] + self.weight * FLOOR) * _DOUBT
-            weights = (errors.min(axis=0) / errors) ** SHARPNESS
-            weights /= weights.sum(axis=0)
-        else:
-            weights = np.stack((_MOVING, _MOVING), axis=1)
-        spread = np.repeat(weights, 3, axis=1)
         now = self.now
-        x = (spread * now.value[used]).sum(axis=0).tolist()
-        v = (spread * now.slope[used]).sum(axis=0).tolist()
-        a = (spread * now.bend[used]).sum(axis=0).tolist()
-        return (
-            (x[0], x[1], x[2]),
-            (v[0], v[1], v[2]),
-            (a[0], a[1], a[2]),
-            (x[3], x[4], x[5]),
-            (v[3], v[4], v[5]),
-            (a[3], a[4], a[5]),
-        )
+        return _curve(now.value, now.slope, now.bend, self.errors, self.weight, self.regular)
 
 
 def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regular: bool) -> Bank:
@@ -167,84 +139,166 @@ def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regul
     return earlier._replace(now=now, scored=now, known=1)
 
 
+@compiled
 def updated(
     bank: Bank, position: Vector, orientation: Quaternion, elapsed_s: tuple[float, float], period_s: float
 ) -> Bank:
     """The predictors with one more sample, ``elapsed_s`` after the newest on the stamps and on the regular times."""
-    before = bank.now
+    before, count = bank.now, bank.known + 1
     horizon_s = max(period_s, SHORTEST_HORIZON_S)
-    raw_s, regular_s = max(elapsed_s[0], 1e-4), max(elapsed_s[1], 1e-4)
-    dt = np.repeat((raw_s, regular_s), _N)
+    dt = (max(elapsed_s[0], 1e-4), max(elapsed_s[1], 1e-4))
     turn = to_vector(multiply(orientation, conjugate(before.orientation)))
-    sample = np.array((*position, *turn))
-    value, slope = _extrapolated(before, dt)
-    error = sample - value
-    g, h, k = _gains(dt, horizon_s, bank.known + 1)
-    value = value + g[:, None] * error
-    value[:, 3:] -= turn
-    times = (before.times[0] + raw_s, before.times[1] + regular_s)
-    now = Polynomials(value, slope + h[:, None] * error, before.bend + k[:, None] * error, position, orientation, times)
-    count = bank.known + 1
-    if count <= 2:  # a single sample foretells nothing
-        return bank._replace(now=now, scored=now, known=count)
-    bank = bank._replace(now=now, known=count)
-    return bank if times[0] - bank.scored.times[0] < 0.75 * horizon_s else _scored(bank)
+    sample = (position[0], position[1], position[2], turn[0], turn[1], turn[2])
+    value, slope, bend = np.empty((2 * _N, 6)), np.empty((2 * _N, 6)), np.empty((2 * _N, 6))
+    for i in range(2 * _N):
+        t = dt[i // _N]
+        g, h, k = _gains(_DEGREE[i], _FADE[i], t, horizon_s, float(count))
+        for j in range(6):
+            expected = _extrapolated(before, i, j, t)
+            error = sample[j] - expected
+            value[i, j] = expected + g * error
+            if j >= 3:
+                value[i, j] -= turn[j - 3]
+            slope[i, j] = before.slope[i, j] + t * before.bend[i, j] + h * error
+            bend[i, j] = before.bend[i, j] + k * error
+    times = (before.times[0] + dt[0], before.times[1] + dt[1])
+    now = Polynomials(value, slope, bend, position, orientation, times)
+    if count > 2 and times[0] - bank.scored.times[0] >= 0.75 * horizon_s:
+        return _scored(bank, now, count)
+    return Bank(
+        now,
+        bank.scored if count > 2 else now,  # a single sample foretells nothing
+        count,
+        bank.errors,
+        bank.weight,
+        bank.long_errors,
+        bank.long_steps,
+        bank.long_weight,
+        bank.long_count,
+        bank.regular,
+    )
 
 
-def _extrapolated(polynomials: Polynomials, dt: Array) -> tuple[Array, Array]:
-    t = dt[:, None]
-    change = t * polynomials.bend
-    return polynomials.value + t * (polynomials.slope + 0.5 * change), polynomials.slope + change
+@compiled
+def _extrapolated(polynomials: Polynomials, predictor: int, axis: int, t: float) -> float:
+    value, slope, bend = polynomials.value, polynomials.slope, polynomials.bend
+    return float(value[predictor, axis] + t * (slope[predictor, axis] + 0.5 * (t * bend[predictor, axis])))
 
 
-def _gains(dt: Array, horizon_s: float, n: int) -> tuple[Array, Array, Array]:
-    """Of value, slope and bend for the n-th sample: growing memory until the memory is long enough, fading then."""
-    line, parabola = n > 1, n > 2  # what n samples can determine
-    fade = _FADE ** (dt / horizon_s)
+@compiled
+def _gains(degree: int, fade_per_period: float, dt: float, horizon_s: float, n: float) -> tuple[float, float, float]:
+    """Of value, slope and bend for the n-th sample, n >= 2: growing memory until it is long enough, fading then."""
+    fade = fade_per_period ** (dt / horizon_s)
     rest = 1.0 - fade
-    ones = np.ones_like(fade)
     pairs = n * (n + 1.0)
     triples = pairs * (n + 2.0)
-    g = np.choose(
-        _DEGREE,
-        (
-            np.maximum(rest, 1.0 / n),
-            np.maximum(1.0 - fade**2, (4.0 * n - 2.0) / pairs),
-            np.maximum(1.0 - fade**3, (9.0 * n * n - 9.0 * n + 6.0) / triples) if parabola else ones,
-        ),
+    if degree == 0:
+        return max(rest, 1.0 / n), 0.0, 0.0
+    if degree == 1:
+        return max(1.0 - fade * fade, (4.0 * n - 2.0) / pairs), max(rest * rest, 6.0 / pairs) / dt, 0.0
+    if n <= 2.0:  # two samples determine a line
+        return 1.0, 1.0 / dt, 0.0
+    return (
+        max(1.0 - fade * fade * fade, (9.0 * n * n - 9.0 * n + 6.0) / triples),
+        max(1.5 * rest * rest * (1.0 + fade), (36.0 * n - 18.0) / triples) / dt,
+        max(rest * rest * rest, 60.0 / triples) / (dt * dt),
     )
-    h = np.choose(
-        _DEGREE,
-        (
-            0.0 * rest,
-            np.maximum(rest**2, 6.0 / pairs),
-            np.maximum(1.5 * rest**2 * (1.0 + fade), (36.0 * n - 18.0) / triples) if parabola else ones,
-        ),
-    )
-    k = np.where(_DEGREE == 2, np.maximum(rest**3, 60.0 / triples) if parabola else 0.0, 0.0)
-    return g, h / dt if line else 0.0 * h, k / dt**2
 
 
-def _scored(bank: Bank) -> Bank:
-    then, now = bank.scored, bank.now
+@compiled
+def _scored(bank: Bank, now: Polynomials, known: int) -> Bank:
+    """``bank`` with the predictors ``now``, after those of ``bank.scored`` have been compared with the sample."""
+    then = bank.scored
     turn = to_vector(multiply(now.orientation, conjugate(then.orientation)))
-    dt = np.repeat((now.times[0] - then.times[0], now.times[1] - then.times[1]), _N)
-    value, _ = _extrapolated(then, dt)
-    squared = ((np.array((*now.position, *turn)) - value) ** 2).reshape(2 * _N, 2, 3).sum(axis=2)
+    sample = (now.position[0], now.position[1], now.position[2], turn[0], turn[1], turn[2])
+    squared = np.zeros((2 * _N, 2))
+    for i in range(2 * _N):
+        t = now.times[i // _N] - then.times[i // _N]
+        for j in range(6):
+            error = sample[j] - _extrapolated(then, i, j, t)
+            squared[i, j // 3] += error * error
     errors = SCORE_MEMORY * bank.errors + squared
     weight = SCORE_MEMORY * bank.weight + 1.0
-    floored = errors + weight * FLOOR
-    raw, regular = floored[:_N].min(axis=0).prod(), floored[_N:].min(axis=0).prod()
-    changes = bool((raw < PREFERENCE * regular) if bank.regular else (regular < PREFERENCE * raw))
-    step = np.square((length(difference(now.position, then.position)), length(turn)))
-    bank = bank._replace(scored=now, errors=errors, weight=weight, regular=bank.regular != changes)
-    if bank.known <= (LEARNING_REGULAR if bank.regular else LEARNING):
-        return bank
+    raw, regular = _least_error(errors, weight, 0), _least_error(errors, weight, _N)
+    changes = raw < PREFERENCE * regular if bank.regular else regular < PREFERENCE * raw
+    in_use = bank.regular != changes
+    if known <= (LEARNING_REGULAR if in_use else LEARNING):
+        return Bank(
+            now,
+            now,
+            known,
+            errors,
+            weight,
+            bank.long_errors,
+            bank.long_steps,
+            bank.long_weight,
+            bank.long_count,
+            in_use,
+        )
+    step = np.array((length(difference(now.position, then.position)), length(turn))) ** 2
     moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
     kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving
-    return bank._replace(
-        long_errors=kept * bank.long_errors + squared,
-        long_steps=kept * bank.long_steps + step,
-        long_weight=kept * bank.long_weight + moving,
-        long_count=bank.long_count + 1,
+    return Bank(
+        now,
+        now,
+        known,
+        errors,
+        weight,
+        kept * bank.long_errors + squared,
+        kept * bank.long_steps + step,
+        kept * bank.long_weight + moving,
+        bank.long_count + 1,
+        in_use,
     )
+
+
+@compiled
+def _least_error(errors: Array, weight: float, first: int) -> float:
+    """Of the predictors on one time base: least error of position times least error of orientation."""
+    product = 1.0
+    for half in range(2):
+        product *= (errors[first : first + _N, half] + weight * FLOOR[half]).min()
+    return product
+
+
+@compiled
+def _curve(
+    value: Array, slope: Array, bend: Array, errors: Array, weight: float, regular: bool
+) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
+    """:meth:`Bank.curve`."""
+    first = _N if regular else 0
+    found = np.zeros((3, 6))
+    for half in range(2):
+        weights = _MOVING
+        if weight > 0.0:
+            doubted = (errors[first : first + _N, half] + weight * FLOOR[half]) * _DOUBT
+            weights = (doubted.min() / doubted) ** SHARPNESS
+            weights = weights / weights.sum()
+        for i in range(_N):
+            for j in range(3 * half, 3 * half + 3):
+                found[0, j] += weights[i] * value[first + i, j]
+                found[1, j] += weights[i] * slope[first + i, j]
+                found[2, j] += weights[i] * bend[first + i, j]
+    x, v, a = found
+    return (
+        (x[0], x[1], x[2]),
+        (v[0], v[1], v[2]),
+        (a[0], a[1], a[2]),
+        (x[3], x[4], x[5]),
+        (v[3], v[4], v[5]),
+        (a[3], a[4], a[5]),
+    )
+
+
+@compiled
+def _unpredictability(errors: Array, steps: Array, weights: Array, count: int, regular: bool) -> tuple[float, float]:
+    """:attr:`Bank.unpredictability`."""
+    if count < LEARNING:
+        return (0.0, 0.0)
+    first = _N if regular else 0
+    parts = np.empty(2)
+    for half in range(2):
+        best = errors[first : first + _N, half].argmin()
+        way = steps[half] + (1.0 + weights[half]) * SMALL_STEP[half]
+        parts[half] = np.sqrt(errors[first + best, half] * _PART_OF_TARGET[best] / way)
+    return (parts[0], parts[1])

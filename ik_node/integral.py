@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.settings import ControlSettings
+from ik_node.trajectory.rotations import cut, length
 
 
 class IntegralMemory(NamedTuple):
@@ -38,24 +40,48 @@ class IntegralAction:
 
         ``frozen``: the last twist was scaled down, lost a direction, or the robot does not follow.
         """
-        result = np.zeros(6)
-        halves = (
-            (slice(0, 3), control.gain_linear, control.max_feedback_linear),
-            (slice(3, 6), control.gain_angular, control.max_feedback_angular),
+        self.value, twist = _integrated(
+            self.value,
+            error_b,
+            elapsed_s,
+            frozen,
+            _Half(
+                control.gain_integral_linear,
+                control.max_integral_linear,
+                control.gain_linear,
+                control.max_feedback_linear,
+            ),
+            _Half(
+                control.gain_integral_angular,
+                control.max_integral_angular,
+                control.gain_angular,
+                control.max_feedback_angular,
+            ),
         )
-        gains = (control.gain_integral_linear, control.gain_integral_angular)
-        caps = (control.max_integral_linear, control.max_integral_angular)
-        for (half, proportional, most), gain, cap in zip(halves, gains, caps, strict=True):
-            if gain == 0.0:
-                self.value[half] = 0.0
-                continue
-            error = error_b[half]
-            if not frozen and proportional * float(np.sqrt(error @ error)) <= most:
-                self.value[half] = _capped(self.value[half] + elapsed_s * error, cap / gain)
-            result[half] = gain * self.value[half]
-        return result
+        return twist
 
 
-def _capped(vector: Array, longest: float) -> Array:
-    size = float(np.sqrt(vector @ vector))
-    return vector * (longest / size) if size > longest else vector
+class _Half(NamedTuple):
+    gain: float
+    cap: float
+    """Of the twist."""
+    feedback_gain: float
+    feedback_cap: float
+
+
+@compiled
+def _integrated(
+    value: Array, error_b: Array, elapsed_s: float, frozen: bool, linear: _Half, angular: _Half
+) -> tuple[Array, Array]:
+    """z from now on, and its twist."""
+    z, twist = np.zeros(6), np.zeros(6)
+    for first, half in ((0, linear), (3, angular)):
+        if half.gain == 0.0:
+            continue
+        x, y, s = value[first], value[first + 1], value[first + 2]
+        a, b, c = error_b[first], error_b[first + 1], error_b[first + 2]
+        if not frozen and half.feedback_gain * length((a, b, c)) <= half.feedback_cap:
+            x, y, s = cut((x + elapsed_s * a, y + elapsed_s * b, s + elapsed_s * c), half.cap / half.gain)
+        z[first], z[first + 1], z[first + 2] = x, y, s
+        twist[first : first + 3] = half.gain * z[first : first + 3]
+    return z, twist

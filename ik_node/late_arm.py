@@ -20,6 +20,7 @@ import numpy as np
 
 from ik_node import se3
 from ik_node.clock import NS
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.settings import ControlSettings
 from ik_node.trajectory.motion import Motion
@@ -74,13 +75,8 @@ class LateArm:
         """The target of ``motion`` when the arm is going to be there, by its acceleration since the last tick."""
         before = motion.twist_d if self._twist_d is None else self._twist_d
         self._twist_d = motion.twist_d
-        # Averaged over the lateness: what trembles faster is over when the arm gets there.
-        part = 1.0 - math.exp(-interval_s / (SMOOTHING * self.lateness_s))
-        newest = (motion.twist_d - before) / interval_s
-        self._acceleration_d = self._acceleration_d + part * (newest - self._acceleration_d)
-        change = self.lateness_s * self._acceleration_d
-        pose_sd = motion.pose_sd @ se3.exp(self.lateness_s * (motion.twist_d + 0.5 * change))
-        return motion._replace(pose_sd=pose_sd, twist_d=motion.twist_d + change)
+        later, self._acceleration_d = _ahead_of(motion, before, self._acceleration_d, interval_s, self.lateness_s)
+        return later
 
     def command(self, velocity: Array, time_ns: int) -> None:
         """A command (n,), rad/s (m/s), that stands from now on."""
@@ -101,12 +97,32 @@ class LateArm:
     def _move(self, time_ns: int) -> None:
         elapsed_s = max(time_ns - self._time_ns, 0) / NS
         self._time_ns = max(time_ns, self._time_ns)
-        went = elapsed_s * self._obeyed
-        if self._lag_s > 0.0:
-            left = math.exp(-elapsed_s / self._lag_s)
-            behind = self._velocity - self._obeyed
-            went = went + self._lag_s * (1.0 - left) * behind
-            self._velocity = self._obeyed + left * behind
-        else:
-            self._velocity = self._obeyed
-        self._ahead = self._ahead + elapsed_s * self._told - went
+        self._ahead, self._velocity = _moved(
+            self._ahead, self._velocity, self._obeyed, self._told, elapsed_s, self._lag_s
+        )
+
+
+@compiled
+def _ahead_of(
+    motion: Motion, twist_before: Array, acceleration: Array, interval_s: float, lateness_s: float
+) -> tuple[Motion, Array]:
+    """The target ``lateness_s`` after ``motion``, and its averaged acceleration from now on."""
+    # Averaged over the lateness: what trembles faster is over when the arm gets there.
+    part = 1.0 - math.exp(-interval_s / (SMOOTHING * lateness_s))
+    newest = (motion.twist_d - twist_before) / interval_s
+    acceleration = acceleration + part * (newest - acceleration)
+    change = lateness_s * acceleration
+    pose_sd = se3.times(motion.pose_sd, se3.pose_after(lateness_s * (motion.twist_d + 0.5 * change)))
+    return Motion(pose_sd, motion.twist_d + change), acceleration
+
+
+@compiled
+def _moved(
+    ahead: Array, velocity: Array, obeyed: Array, told: Array, elapsed_s: float, lag_s: float
+) -> tuple[Array, Array]:
+    """The lead and the model's velocity ``elapsed_s`` later."""
+    if lag_s <= 0.0:
+        return ahead + elapsed_s * told - elapsed_s * obeyed, obeyed
+    left, behind = math.exp(-elapsed_s / lag_s), velocity - obeyed
+    went = elapsed_s * obeyed + lag_s * (1.0 - left) * behind
+    return ahead + elapsed_s * told - went, obeyed + left * behind

@@ -163,6 +163,19 @@ def between(pose_sa: Array, pose_sb: Array) -> Array:
 
 
 @compiled
+def times(pose_sa: Array, pose_ab: Array) -> Array:
+    """T_sb = T_sa T_ab."""
+    pose = np.empty((4, 4))
+    for i in range(3):
+        x, y, z = pose_sa[i, 0], pose_sa[i, 1], pose_sa[i, 2]
+        for j in range(4):
+            pose[i, j] = x * pose_ab[0, j] + y * pose_ab[1, j] + z * pose_ab[2, j]
+        pose[i, 3] += pose_sa[i, 3]
+    pose[3, 0], pose[3, 1], pose[3, 2], pose[3, 3] = 0.0, 0.0, 0.0, 1.0
+    return pose
+
+
+@compiled
 def pose_after(twist: Array) -> Array:
     """:func:`exp`."""
     v, turn = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])

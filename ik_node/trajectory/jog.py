@@ -22,10 +22,8 @@ from ik_node.trajectory.offset import (
     OMEGA,
     Limits,
     bounds,
-    cut,
     likely_part,
     part_of_way,
-    rotate,
     slowed,
     strengthened,
     within,
@@ -38,10 +36,12 @@ from ik_node.trajectory.rotations import (
     Vector,
     conjugate,
     cross,
+    cut,
     difference,
     from_matrix,
     length,
     multiply,
+    rotate,
     to_vector,
 )
 

@@ -25,14 +25,17 @@ from ik_node.trajectory.rotations import (
     ZERO,
     Quaternion,
     Vector,
+    add,
     conjugate,
     cross,
+    cut,
     difference,
     from_vector,
     length,
     multiply,
     normalised,
-    rotate_back,
+    rotate,
+    scaled,
     to_vector,
 )
 
@@ -78,7 +81,7 @@ def between(reference: RigidMotion, motion: RigidMotion, limits: Limits) -> Offs
     """The offset of ``reference`` from ``motion``, with its derivatives, to be led to zero within ``limits``."""
     turn = normalised(multiply(reference.orientation, conjugate(motion.orientation)))
     rate = rotate(turn, motion.rate)
-    change = _add(rotate(turn, motion.angular_acceleration), cross(difference(reference.rate, rate), rate))
+    change = add(rotate(turn, motion.angular_acceleration), cross(difference(reference.rate, rate), rate))
     offset = RigidMotion(
         difference(reference.position, motion.position),
         difference(reference.velocity, motion.velocity),
@@ -115,14 +118,14 @@ def composed(motion: RigidMotion, offset: Offset | None) -> RigidMotion:
         return motion
     d = offset.motion
     rate = rotate(d.orientation, motion.rate)
-    change = _add(rotate(d.orientation, motion.angular_acceleration), cross(d.rate, rate))
+    change = add(rotate(d.orientation, motion.angular_acceleration), cross(d.rate, rate))
     return RigidMotion(
-        _add(motion.position, d.position),
-        _add(motion.velocity, d.velocity),
-        _add(motion.acceleration, d.acceleration),
+        add(motion.position, d.position),
+        add(motion.velocity, d.velocity),
+        add(motion.acceleration, d.acceleration),
         normalised(multiply(d.orientation, motion.orientation)),
-        _add(rate, d.rate),
-        _add(change, d.angular_acceleration),
+        add(rate, d.rate),
+        add(change, d.angular_acceleration),
     )
 
 
@@ -131,7 +134,7 @@ def placed(position: Vector, orientation: Quaternion, d: RigidMotion | None) -> 
     if d is None:
         return RigidMotion(position, orientation=orientation)
     turned = normalised(multiply(d.orientation, orientation))
-    return RigidMotion(_add(position, d.position), orientation=turned)
+    return RigidMotion(add(position, d.position), orientation=turned)
 
 
 def advanced(offset: Offset, elapsed_s: float, pace: float) -> Offset | None:
@@ -171,16 +174,11 @@ def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
     """``motion`` run through at ``rate`` times its speed, ``rate`` growing by ``change`` per second."""
     squared = rate * rate
     return motion._replace(
-        velocity=_scaled(motion.velocity, rate),
-        acceleration=_add(_scaled(motion.acceleration, squared), _scaled(motion.velocity, change)),
-        rate=_scaled(motion.rate, rate),
-        angular_acceleration=_add(_scaled(motion.angular_acceleration, squared), _scaled(motion.rate, change)),
+        velocity=scaled(motion.velocity, rate),
+        acceleration=add(scaled(motion.acceleration, squared), scaled(motion.velocity, change)),
+        rate=scaled(motion.rate, rate),
+        angular_acceleration=add(scaled(motion.angular_acceleration, squared), scaled(motion.rate, change)),
     )
-
-
-def rotate(turn: Quaternion, vector: Vector) -> Vector:
-    """R v."""
-    return rotate_back(conjugate(turn), vector)
 
 
 def likely_part(pace: float) -> float:
@@ -191,10 +189,10 @@ def likely_part(pace: float) -> float:
 
 def part_of_way(before: RigidMotion, after: RigidMotion, part: float) -> RigidMotion:
     """``after``, with only ``part`` of the way from ``before`` to it gone."""
-    way = _scaled(difference(after.position, before.position), part)
-    turn = _scaled(to_vector(multiply(after.orientation, conjugate(before.orientation))), part)
+    way = scaled(difference(after.position, before.position), part)
+    turn = scaled(to_vector(multiply(after.orientation, conjugate(before.orientation))), part)
     orientation = normalised(multiply(from_vector(turn), before.orientation))
-    return after._replace(position=_add(before.position, way), orientation=orientation)
+    return after._replace(position=add(before.position, way), orientation=orientation)
 
 
 def _ahead(
@@ -218,24 +216,10 @@ def _is_gone(motion: RigidMotion) -> bool:
     _, x, y, z = motion.orientation
     values = (
         *motion.position,
-        *_scaled(motion.velocity, 1.0 / OMEGA),
-        *_scaled(motion.acceleration, 1.0 / OMEGA**2),
+        *scaled(motion.velocity, 1.0 / OMEGA),
+        *scaled(motion.acceleration, 1.0 / OMEGA**2),
         *(x, y, z),
-        *_scaled(motion.rate, 1.0 / OMEGA),
-        *_scaled(motion.angular_acceleration, 1.0 / OMEGA**2),
+        *scaled(motion.rate, 1.0 / OMEGA),
+        *scaled(motion.angular_acceleration, 1.0 / OMEGA**2),
     )
     return max(values) < GONE and min(values) > -GONE
-
-
-def _add(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def cut(vector: Vector, longest: float) -> Vector:
-    """``vector``, no longer than that."""
-    size = length(vector)
-    return vector if size <= longest else _scaled(vector, longest / size)
-
-
-def _scaled(a: Vector, factor: float) -> Vector:
-    return (a[0] * factor, a[1] * factor, a[2] * factor)

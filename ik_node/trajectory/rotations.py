@@ -38,6 +38,25 @@ def difference(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
+def add(a: Vector, b: Vector) -> Vector:
+    """``a`` and ``b``."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@compiled
+def scaled(a: Vector, factor: float) -> Vector:
+    """``a`` times ``factor``."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+@compiled
+def cut(a: Vector, longest: float) -> Vector:
+    """``a``, no longer than that."""
+    size = length(a)
+    return a if size <= longest else scaled(a, longest / size)
+
+
+@compiled
 def dot(a: Vector, b: Vector) -> float:
     """a' b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -143,6 +162,12 @@ def rotate_back(a: Quaternion, v: Vector) -> Vector:
         v[1] + 2.0 * (w * cy + cz * x - cx * z),
         v[2] + 2.0 * (w * cz + cx * y - cy * x),
     )
+
+
+@compiled
+def rotate(a: Quaternion, v: Vector) -> Vector:
+    """R v."""
+    return rotate_back(conjugate(a), v)
 
 
 @compiled

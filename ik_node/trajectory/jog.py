@@ -10,24 +10,17 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from math import ceil
 from typing import NamedTuple
 
+import numpy as np
+
 from ik_node.clock import NS, Stamped
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.settings import JogSettings
-from ik_node.trajectory.motion import Motion
-from ik_node.trajectory.offset import (
-    LONGEST_STEP_S,
-    OMEGA,
-    Limits,
-    bounds,
-    likely_part,
-    part_of_way,
-    slowed,
-    strengthened,
-    within,
-)
+from ik_node.trajectory.motion import NO_POSE, Motion
+from ik_node.trajectory.offset import OMEGA, Limits, bounds, likely_part, part_of_way, slowed, strengthened, within
+from ik_node.trajectory.plan import NOTHING_PLANNED, carried_out, empty_plan, write_jerk
 from ik_node.trajectory.reference import Jerk, RigidMotion, chase, mean_twist, move, pose_of
 from ik_node.trajectory.rotations import (
     IDENTITY,
@@ -41,6 +34,8 @@ from ik_node.trajectory.rotations import (
     from_matrix,
     length,
     multiply,
+    orientation_in,
+    position_in,
     rotate,
     to_vector,
 )
@@ -58,27 +53,47 @@ class TwistFrame(NamedTuple):
     """They move with the tool."""
 
 
-@dataclass
-class JogState:
-    """Everything that is remembered. Values are immutable, so that a shallow copy is a snapshot."""
+class Wish(NamedTuple):
+    """The last twist that came."""
 
-    time_ns: int = 0
-    motion: RigidMotion = field(default_factory=RigidMotion)
-    plan: tuple[Jerk, ...] = ()
     velocity: Vector = ZERO
-    """Wanted, m/s, in {s} or in the tool."""
+    """m/s, in {s} or in the tool."""
     rate: Vector = ZERO
-    """Wanted, rad/s."""
+    """rad/s."""
     in_tool: bool = False
     until_ns: int = 0
-    """Until when the twist counts."""
-    cut: bool = False
-    """The twist was cut to the highest speeds."""
+    """Until when it counts."""
+
+
+class Drive(NamedTuple):
+    """What the reference remembers from tick to tick."""
+
+    time_ns: int = 0
+    motion: RigidMotion = RigidMotion()
+    plan: Array = NOTHING_PLANNED
+    """As :mod:`ik_node.trajectory.plan` says."""
     lead: Vector = ZERO
     """By how much the reference is ahead of the tool [m], in {s}."""
     lead_turn: Vector = ZERO
     """The same for the orientation [rad]."""
     pace: float = 1.0
+
+
+class Leash(NamedTuple):
+    """How far the reference may be ahead of the tool."""
+
+    distance: float
+    angle: float
+
+
+@dataclass
+class JogState:
+    """Everything that is remembered. Values are immutable, so that a shallow copy is a snapshot."""
+
+    drive: Drive = field(default_factory=Drive)
+    wish: Wish = field(default_factory=Wish)
+    cut: bool = False
+    """The twist was cut to the highest speeds."""
     limits: Limits | None = None
     """What holds until a reference that was fast at the start has slowed down; None for the usual ones."""
 
@@ -97,6 +112,7 @@ class Jog:
             bounds(s.max_linear_speed, s.linear_acceleration, s.linear_jerk),
             bounds(s.max_angular_speed, s.angular_acceleration, s.angular_jerk),
         )
+        self._leash = Leash(s.leash_distance, s.leash_angle)
 
     def state(self) -> JogState:
         """A snapshot, for :meth:`restore`."""
@@ -109,12 +125,12 @@ class Jog:
     def begin(self, reference: RigidMotion, time_ns: int) -> None:
         """From now on; comes to rest from how ``reference`` moves until a twist comes."""
         raised = strengthened(self._limits, reference)
-        self._state = JogState(time_ns=time_ns, motion=within(reference, raised), limits=raised)
+        self._state = JogState(Drive(time_ns, within(reference, raised)), limits=raised)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
         """Goes on with the same twist from somewhere else."""
         s = self._state
-        s.time_ns, s.motion, s.plan, s.lead, s.lead_turn, s.pace = time_ns, reference, (), ZERO, ZERO, 1.0
+        s.drive = Drive(time_ns, reference)
         s.limits = None
 
     def add(self, twist: Array, frame: TwistFrame, stamped: Stamped) -> None:
@@ -123,11 +139,10 @@ class Jog:
         turn = from_matrix(frame.rotation)
         x, y, z, a, b, c = twist.tolist()
         linear, angular = rotate(turn, (x, y, z)), rotate(turn, (a, b, c))
-        s.velocity = cut(linear, self._settings.max_linear_speed)
-        s.rate = cut(angular, self._settings.max_angular_speed)
-        s.cut = s.velocity != linear or s.rate != angular
-        s.in_tool = frame.in_tool
-        s.until_ns = min(stamped.time_ns, stamped.received_ns) + round(self._settings.timeout_s * NS)
+        velocity, rate = cut(linear, self._settings.max_linear_speed), cut(angular, self._settings.max_angular_speed)
+        s.cut = velocity != linear or rate != angular
+        until_ns = min(stamped.time_ns, stamped.received_ns) + round(self._settings.timeout_s * NS)
+        s.wish = Wish(velocity, rate, frame.in_tool, until_ns)
 
     def advance(self, time_ns: int, hold_s: float, pace: float = 1.0, pose_sb: Array | None = None) -> Motion:
         """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
@@ -135,68 +150,19 @@ class Jog:
         ``pace``: the part of the last twist that the arm did; the reference goes no further. ``pose_sb``: where the
         tool is; the reference runs no further ahead of it than the leash.
         """
-        self._catch_up(time_ns, pace)
         s = self._state
-        if s.limits is not None and self._is_slow(s.motion):
+        tool_sb = NO_POSE if pose_sb is None else np.ascontiguousarray(pose_sb)
+        s.drive, motion, is_slow = _driven(
+            s.drive, s.wish, s.limits or self._limits, self._limits, self._leash, time_ns, hold_s, pace, tool_sb
+        )
+        if is_slow:
             s.limits = None
-        if pose_sb is not None:
-            x, y, z = pose_sb[:3, 3].tolist()
-            s.lead = difference(s.motion.position, (x, y, z))
-            s.lead_turn = to_vector(multiply(s.motion.orientation, conjugate(from_matrix(pose_sb))))
-        motion, s.plan = self._ahead(s.motion, hold_s)
-        part = likely_part(pace)
-        return Motion(pose_of(s.motion), mean_twist(s.motion, part_of_way(s.motion, motion, part), part * hold_s))
-
-    def _catch_up(self, time_ns: int, pace: float) -> None:
-        s = self._state
-        s.pace = pace
-        if time_ns <= s.time_ns:
-            return
-        before, left_s = s.motion, min((time_ns - s.time_ns) / NS, LONGEST_GAP_S)
-        for jerk in s.plan:
-            part_s = min(jerk.duration_s, left_s)
-            s.motion = move(s.motion, jerk, part_s)
-            left_s -= part_s
-            if left_s <= 0.0:
-                break
-        s.time_ns = time_ns
-        if left_s > 1e-9:
-            s.motion, _ = self._ahead(s.motion, left_s)
-        if pace < 1.0:
-            s.motion = part_of_way(before, s.motion, pace)
-
-    def _ahead(self, motion: RigidMotion, duration_s: float) -> tuple[RigidMotion, tuple[Jerk, ...]]:
-        steps = max(1, ceil(duration_s / LONGEST_STEP_S - 1e-9))
-        step_s = duration_s / steps
-        limits = self._state.limits or self._limits
-        plan = []
-        for _ in range(steps):
-            velocity, rate, change = self._wanted(motion.orientation)
-            linear = chase(ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s)
-            angular = chase(ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s)
-            plan.append(Jerk(linear, angular, step_s))
-            motion = move(motion, plan[-1], step_s)
-        return motion, tuple(plan)
-
-    def _is_slow(self, motion: RigidMotion) -> bool:
-        """Whether the usual limits can take over."""
-        fast = length(motion.velocity) > self._limits.linear.speed or length(motion.rate) > self._limits.angular.speed
-        return not fast and within(motion, self._limits) == motion
-
-    def _wanted(self, orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
-        """Velocity, angular velocity and the velocity's change that is due to the tool's turning, in {s}."""
-        s = self._state
-        if s.time_ns >= s.until_ns:
-            return ZERO, ZERO, ZERO
-        turn = orientation if s.in_tool else IDENTITY
-        velocity = _leashed(rotate(turn, s.velocity), s.lead, self._settings.leash_distance)
-        rate = _leashed(rotate(turn, s.rate), s.lead_turn, self._settings.leash_angle)
-        return velocity, rate, cross(rate, velocity) if s.in_tool else ZERO
+        return motion
 
     @property
     def ended(self) -> bool:
         """No twist counts any more."""
-        return self._state.time_ns >= self._state.until_ns
+        return self._state.drive.time_ns >= self._state.wish.until_ns
 
     @property
     def cut(self) -> bool:
@@ -206,16 +172,98 @@ class Jog:
     @property
     def leashed(self) -> bool:
         """The tool does not follow, and the reference waits for it."""
-        s = self._state
-        settings = self._settings
-        far = length(s.lead) > settings.leash_distance or length(s.lead_turn) > settings.leash_angle
+        drive, leash = self._state.drive, self._leash
+        far = length(drive.lead) > leash.distance or length(drive.lead_turn) > leash.angle
         return far and not self.ended
 
     def motion(self) -> RigidMotion:
         """The reference now, as the arm follows it."""
-        return slowed(self._state.motion, self._state.pace, 0.0)
+        return slowed(self._state.drive.motion, self._state.drive.pace, 0.0)
 
 
+@compiled
+def _driven(
+    before: Drive,
+    wish: Wish,
+    limits: Limits,
+    usual: Limits,
+    leash: Leash,
+    time_ns: int,
+    hold_s: float,
+    pace: float,
+    pose_sb: Array,
+) -> tuple[Drive, Motion, bool]:
+    """The drive at ``time_ns`` with its motion from then on; and whether the ``usual`` limits can take over.
+
+    ``pose_sb`` full of NaN: the lead stays what it was.
+    """
+    now = _caught_up(before, wish, limits, leash, time_ns, pace)
+    motion, lead, lead_turn = now.motion, now.lead, now.lead_turn
+    is_slow = _is_slow(motion, usual)
+    if not np.isnan(pose_sb[3, 3]):
+        lead = difference(motion.position, position_in(pose_sb))
+        lead_turn = to_vector(multiply(motion.orientation, conjugate(orientation_in(pose_sb))))
+    now = Drive(now.time_ns, motion, now.plan, lead, lead_turn, pace)
+    then, plan = _ahead(now, wish, usual if is_slow else limits, leash, hold_s)
+    part = likely_part(pace)
+    twist_d = mean_twist(motion, part_of_way(motion, then, part), part * hold_s)
+    return Drive(now.time_ns, motion, plan, lead, lead_turn, pace), Motion(pose_of(motion), twist_d), is_slow
+
+
+@compiled
+def _caught_up(before: Drive, wish: Wish, limits: Limits, leash: Leash, time_ns: int, pace: float) -> Drive:
+    """At ``time_ns``: as planned first, and on from there; only the part ``pace`` of the way."""
+    if time_ns <= before.time_ns:
+        return before
+    elapsed_s = min((time_ns - before.time_ns) / NS, LONGEST_GAP_S)
+    motion, left_s = carried_out(before.motion, before.plan, elapsed_s)
+    now = Drive(time_ns, motion, before.plan, before.lead, before.lead_turn, before.pace)
+    if left_s > 1e-9:
+        motion, _ = _ahead(now, wish, limits, leash, left_s)
+    if pace < 1.0:
+        motion = part_of_way(before.motion, motion, pace)
+    return Drive(time_ns, motion, before.plan, before.lead, before.lead_turn, before.pace)
+
+
+@compiled
+def _ahead(now: Drive, wish: Wish, limits: Limits, leash: Leash, duration_s: float) -> tuple[RigidMotion, Array]:
+    """Where the cascade leads in ``duration_s``, and by which plan."""
+    motion, plan = now.motion, empty_plan(duration_s)
+    for row in plan:
+        step_s = row[6]
+        velocity, rate, change = _wanted(now, wish, leash, motion.orientation)
+        linear = chase(ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s)
+        angular = chase(ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s)
+        jerk = Jerk(linear, angular, step_s)
+        write_jerk(row, jerk)
+        motion = move(motion, jerk, step_s)
+    return motion, plan
+
+
+@compiled
+def _wanted(now: Drive, wish: Wish, leash: Leash, orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
+    """Velocity, angular velocity and the velocity's change that is due to the tool's turning, in {s}."""
+    if now.time_ns >= wish.until_ns:
+        return ZERO, ZERO, ZERO
+    turn = orientation if wish.in_tool else IDENTITY
+    velocity = _leashed(rotate(turn, wish.velocity), now.lead, leash.distance)
+    rate = _leashed(rotate(turn, wish.rate), now.lead_turn, leash.angle)
+    return velocity, rate, cross(rate, velocity) if wish.in_tool else ZERO
+
+
+@compiled
+def _is_slow(motion: RigidMotion, limits: Limits) -> bool:
+    """Whether these limits can take over."""
+    linear, angular = limits
+    return (
+        length(motion.velocity) <= linear.speed
+        and length(motion.acceleration) <= linear.acceleration
+        and length(motion.rate) <= angular.speed
+        and length(motion.angular_acceleration) <= angular.acceleration
+    )
+
+
+@compiled
 def _leashed(velocity: Vector, lead: Vector, leash: float) -> Vector:
     """``velocity`` without what would lead further away: all of it at twice the leash, nothing up to once."""
     size = length(lead)

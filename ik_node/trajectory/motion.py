@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from ik_node.se3 import Array
+
+NO_POSE = np.full((4, 4), np.nan)
+"""Where the tool is, while nobody says so."""
 
 
 class Motion(NamedTuple):

@@ -16,14 +16,16 @@ moment may brake harder than the bounds say.
 
 from __future__ import annotations
 
-from math import ceil
 from typing import NamedTuple
 
+from ik_node.compiled import compiled
+from ik_node.se3 import Array
+from ik_node.trajectory.curve import resting
+from ik_node.trajectory.plan import NOTHING_PLANNED, carried_out, empty_plan, nothing_planned, write_jerk
 from ik_node.trajectory.reference import Bounds, Jerk, RigidMotion, chase, move, orientation_error
 from ik_node.trajectory.rotations import (
     IDENTITY,
     ZERO,
-    Quaternion,
     Vector,
     add,
     conjugate,
@@ -41,8 +43,6 @@ from ik_node.trajectory.rotations import (
 
 OMEGA = 20.0
 """Triple pole of the offset [1/s]."""
-LONGEST_STEP_S = 0.004
-"""A jerk is held no longer than this; longer intervals are cut."""
 BRAKING_S = 0.15
 """The acceleration bound is raised, jerk with it, until it ends the velocity in this time ..."""
 STRONGEST = 5.0
@@ -73,8 +73,12 @@ class Offset(NamedTuple):
     limits: Limits
     turn: Vector = ZERO
     """Last error of orientation [rad]."""
-    plan: tuple[Jerk, ...] = ()
-    """Jerks to come, as promised."""
+    plan: Array = NOTHING_PLANNED
+    """As :mod:`ik_node.trajectory.plan` says."""
+
+
+NO_OFFSET = Offset(RigidMotion(), Limits(bounds(1.0, 1.0, 1.0), bounds(1.0, 1.0, 1.0)))
+"""Stands in for one in compiled functions."""
 
 
 def between(reference: RigidMotion, motion: RigidMotion, limits: Limits) -> Offset:
@@ -106,9 +110,13 @@ def _stronger(usual: Bounds, velocity: Vector) -> Bounds:
 
 def within(motion: RigidMotion, limits: Limits) -> RigidMotion:
     """``motion`` with its accelerations cut to ``limits``."""
-    return motion._replace(
-        acceleration=cut(motion.acceleration, limits.linear.acceleration),
-        angular_acceleration=cut(motion.angular_acceleration, limits.angular.acceleration),
+    return RigidMotion(
+        motion.position,
+        motion.velocity,
+        cut(motion.acceleration, limits.linear.acceleration),
+        motion.orientation,
+        motion.rate,
+        cut(motion.angular_acceleration, limits.angular.acceleration),
     )
 
 
@@ -129,12 +137,11 @@ def composed(motion: RigidMotion, offset: Offset | None) -> RigidMotion:
     )
 
 
-def placed(position: Vector, orientation: Quaternion, d: RigidMotion | None) -> RigidMotion:
+@compiled
+def placed(motion: RigidMotion, d: RigidMotion) -> RigidMotion:
     """The same for the pose alone; the derivatives are left at zero."""
-    if d is None:
-        return RigidMotion(position, orientation=orientation)
-    turned = normalised(multiply(d.orientation, orientation))
-    return RigidMotion(add(position, d.position), orientation=turned)
+    turned = normalised(multiply(d.orientation, motion.orientation))
+    return resting(add(motion.position, d.position), turned)
 
 
 def advanced(offset: Offset, elapsed_s: float, pace: float) -> Offset | None:
@@ -144,20 +151,22 @@ def advanced(offset: Offset, elapsed_s: float, pace: float) -> Offset | None:
     """
     if elapsed_s <= 0.0:
         return offset
-    before, motion, turn, left_s = offset.motion, offset.motion, offset.turn, elapsed_s
-    for jerk in offset.plan:
-        part_s = min(jerk.duration_s, left_s)
-        motion = move(motion, jerk, part_s)
-        left_s -= part_s
-        if left_s <= 0.0:
-            break
+    later, is_gone = _advanced(offset, elapsed_s, pace)
+    return None if is_gone else later
+
+
+@compiled
+def _advanced(offset: Offset, elapsed_s: float, pace: float) -> tuple[Offset, bool]:
+    turn = offset.turn
+    motion, left_s = carried_out(offset.motion, offset.plan, elapsed_s)
     if left_s > 1e-9:
         motion, turn, _ = _ahead(motion, turn, left_s, offset.limits)
     if pace < 1.0:
-        motion = part_of_way(before, motion, pace)
-    return None if _is_gone(motion) else Offset(motion, offset.limits, turn)
+        motion = part_of_way(offset.motion, motion, pace)
+    return Offset(motion, offset.limits, turn, nothing_planned()), _is_gone(motion)
 
 
+@compiled
 def planned(offset: Offset, hold_s: float) -> tuple[Offset, RigidMotion]:
     """With the plan for the ``hold_s`` to come; and where it then will be."""
     motion, turn, plan = _ahead(offset.motion, offset.turn, hold_s, offset.limits)
@@ -170,56 +179,71 @@ def is_near(offset: Offset, distance_m: float, angle_rad: float) -> bool:
     return length(d.position) <= distance_m and length(to_vector(d.orientation)) <= angle_rad
 
 
+@compiled
 def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
     """``motion`` run through at ``rate`` times its speed, ``rate`` growing by ``change`` per second."""
     squared = rate * rate
-    return motion._replace(
-        velocity=scaled(motion.velocity, rate),
-        acceleration=add(scaled(motion.acceleration, squared), scaled(motion.velocity, change)),
-        rate=scaled(motion.rate, rate),
-        angular_acceleration=add(scaled(motion.angular_acceleration, squared), scaled(motion.rate, change)),
+    return RigidMotion(
+        motion.position,
+        scaled(motion.velocity, rate),
+        add(scaled(motion.acceleration, squared), scaled(motion.velocity, change)),
+        motion.orientation,
+        scaled(motion.rate, rate),
+        add(scaled(motion.angular_acceleration, squared), scaled(motion.rate, change)),
     )
 
 
+@compiled
 def likely_part(pace: float) -> float:
     """The part of the next twist that the arm is likely to do, from the last one's; never nothing, so that a twist has
     a direction."""
     return min(max(pace, LEAST_PART), 1.0)
 
 
+@compiled
 def part_of_way(before: RigidMotion, after: RigidMotion, part: float) -> RigidMotion:
     """``after``, with only ``part`` of the way from ``before`` to it gone."""
     way = scaled(difference(after.position, before.position), part)
     turn = scaled(to_vector(multiply(after.orientation, conjugate(before.orientation))), part)
-    orientation = normalised(multiply(from_vector(turn), before.orientation))
-    return after._replace(position=add(before.position, way), orientation=orientation)
+    return RigidMotion(
+        add(before.position, way),
+        after.velocity,
+        after.acceleration,
+        normalised(multiply(from_vector(turn), before.orientation)),
+        after.rate,
+        after.angular_acceleration,
+    )
 
 
-def _ahead(
-    motion: RigidMotion, turn: Vector, duration_s: float, limits: Limits
-) -> tuple[RigidMotion, Vector, tuple[Jerk, ...]]:
-    """Where the cascade leads in ``duration_s``, its last error of orientation, and by which jerks."""
-    steps = max(1, ceil(duration_s / LONGEST_STEP_S - 1e-9))
-    step_s = duration_s / steps
-    plan = []
-    for _ in range(steps):
-        x, y, z = motion.position
+@compiled
+def _ahead(motion: RigidMotion, turn: Vector, duration_s: float, limits: Limits) -> tuple[RigidMotion, Vector, Array]:
+    """Where the cascade leads in ``duration_s``, its last error of orientation, and by which plan."""
+    plan = empty_plan(duration_s)
+    for row in plan:
+        step_s, way = row[6], scaled(motion.position, -1.0)
         turn = orientation_error(IDENTITY, motion.orientation, turn)
-        linear = chase((-x, -y, -z), motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA, limits.linear, step_s)
+        linear = chase(way, motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA, limits.linear, step_s)
         angular = chase(turn, motion.rate, motion.angular_acceleration, ZERO, ZERO, OMEGA, limits.angular, step_s)
-        plan.append(Jerk(linear, angular, step_s))
-        motion = move(motion, plan[-1], step_s)
-    return motion, turn, tuple(plan)
+        jerk = Jerk(linear, angular, step_s)
+        write_jerk(row, jerk)
+        motion = move(motion, jerk, step_s)
+    return motion, turn, plan
 
 
+@compiled
 def _is_gone(motion: RigidMotion) -> bool:
     _, x, y, z = motion.orientation
-    values = (
-        *motion.position,
-        *scaled(motion.velocity, 1.0 / OMEGA),
-        *scaled(motion.acceleration, 1.0 / OMEGA**2),
-        *(x, y, z),
-        *scaled(motion.rate, 1.0 / OMEGA),
-        *scaled(motion.angular_acceleration, 1.0 / OMEGA**2),
+    return (
+        _is_nothing(motion.position, 1.0)
+        and _is_nothing(motion.velocity, 1.0 / OMEGA)
+        and _is_nothing(motion.acceleration, 1.0 / OMEGA**2)
+        and _is_nothing((x, y, z), 1.0)
+        and _is_nothing(motion.rate, 1.0 / OMEGA)
+        and _is_nothing(motion.angular_acceleration, 1.0 / OMEGA**2)
     )
-    return max(values) < GONE and min(values) > -GONE
+
+
+@compiled
+def _is_nothing(vector: Vector, factor: float) -> bool:
+    x, y, z = scaled(vector, factor)
+    return abs(x) < GONE and abs(y) < GONE and abs(z) < GONE

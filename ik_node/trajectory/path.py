@@ -37,13 +37,10 @@ from ik_node.trajectory.offset import (
     composed,
     is_near,
     likely_part,
-    part_of_way,
-    placed,
-    planned,
     slowed,
 )
 from ik_node.trajectory.path_clock import PathClock
-from ik_node.trajectory.reference import RigidMotion, mean_twist, pose_of
+from ik_node.trajectory.reference import RigidMotion, pose_of
 from ik_node.trajectory.rigid_spline import Knots
 from ik_node.trajectory.rotations import difference, length
 from ik_node.trajectory.route import Route
@@ -193,17 +190,10 @@ class PathFollower:
         s, path = self._state, self._path
         part = likely_part(pace)
         begin, end = self._path_time(s.clock_s), self._path_time(self._clock_after(part * hold_s))
-        offset, offset_after = None, None
-        if s.offset is not None:
-            s.offset, offset_after = planned(s.offset, hold_s)
-            offset = s.offset.motion
-            offset_after = part_of_way(offset, offset_after, part)
-        now = placed(*path.pose(begin), offset)
-        then = placed(*path.pose(end), offset_after)
+        motion, s.offset, distance_m = path.led(begin, end, hold_s, s.offset, pose_sb, part)
         if pose_sb is not None:
-            x, y, z = pose_sb[:3, 3].tolist()
-            s.distance_m = path.distance_m((x, y, z), begin)
-        return Motion(pose_of(now), mean_twist(now, then, part * hold_s))
+            s.distance_m = distance_m
+        return motion
 
     def _catch_up(self, time_ns: int, pace: float) -> None:
         s = self._state

@@ -7,7 +7,6 @@ and goes back to the last sample once the stream has ended.
 
 from __future__ import annotations
 
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from ik_node.se3 import Array
 from ik_node.trajectory.curve import Curve, Moment, evaluate, resting
 from ik_node.trajectory.latency import Latency, lag_at
 from ik_node.trajectory.motion import Motion
+from ik_node.trajectory.plan import LONGEST_STEP_S, NOTHING_PLANNED, carried_out, empty_plan, write_jerk
 from ik_node.trajectory.reference import (
     Bounds,
     Jerk,
@@ -31,8 +31,6 @@ from ik_node.trajectory.reference import (
 )
 from ik_node.trajectory.rotations import IDENTITY, ZERO, Quaternion, Vector, difference, length
 
-LONGEST_STEP_S = 0.004
-"""A jerk is held no longer than this; longer intervals are cut."""
 LONGEST_CATCH_UP_S = 0.25
 """The motion makes up for missed ticks over at most this time; beyond, it goes on from where it is."""
 SHORTEST_GAP_PERIOD_S = 0.02
@@ -43,8 +41,6 @@ BLEND_PERIODS = 8.0
 """Over so many periods the motion comes back from where it was extrapolated to, to the last sample."""
 ARRIVED_M, ARRIVED_RAD = 5e-3, 2e-2
 """A jump is over when the motion is this near to the target."""
-NOTHING_PLANNED = np.zeros((1, 7))
-"""A plan that lasts no time."""
 
 
 class Sample(NamedTuple):
@@ -86,7 +82,7 @@ class Pursuit(NamedTuple):
     time_ns: int = 0
     motion: RigidMotion = RigidMotion()
     plan: Array = NOTHING_PLANNED
-    """(k, 7): jerks from ``time_ns`` on, as promised by the last twist; linear, angular, and for how long [s]."""
+    """From ``time_ns`` on, as :mod:`ik_node.trajectory.plan` says."""
     hold_s: float = 0.0
     """For how long the last twist was to hold."""
     turn: Vector = ZERO
@@ -177,13 +173,11 @@ def pursued(
     """
     course, pace = _unpacked(times_ns, numbers)
     now = _caught_up(before, course, follows, pace, time_ns)
-    steps = max(1, ceil(hold_s / LONGEST_STEP_S - 1e-9))
-    step_s = hold_s / steps
     then = Pursuit(now.time_ns, now.motion, now.plan, hold_s, now.turn, now.jumped)
-    plan = np.empty((steps, 7))
-    for step in range(steps):
-        then, jerk = _stepped(then, course, follows, pace, now.time_ns + round(step * step_s * NS), step_s)
-        plan[step] = np.array((*jerk.linear, *jerk.angular, step_s))
+    plan = empty_plan(hold_s)
+    for step, row in enumerate(plan):
+        then, jerk = _stepped(then, course, follows, pace, now.time_ns + round(step * row[6] * NS), row[6])
+        write_jerk(row, jerk)
     after = Pursuit(now.time_ns, now.motion, plan, hold_s, then.turn, then.jumped)
     return after, Motion(pose_of(now.motion), mean_twist(now.motion, then.motion, hold_s))
 
@@ -193,12 +187,8 @@ def _caught_up(before: Pursuit, course: Course, follows: bool, pace: Pace, time_
     """At ``time_ns``: as planned first, and where the tick is late, on from there."""
     if time_ns <= before.time_ns:
         return before
-    motion, left_s = before.motion, min((time_ns - before.time_ns) / NS, LONGEST_CATCH_UP_S)
-    for jerk in before.plan:
-        if jerk[6] > 0.0 and left_s > 0.0:
-            part_s = min(jerk[6], left_s)
-            motion = move(motion, Jerk((jerk[0], jerk[1], jerk[2]), (jerk[3], jerk[4], jerk[5]), part_s), part_s)
-            left_s -= part_s
+    elapsed_s = min((time_ns - before.time_ns) / NS, LONGEST_CATCH_UP_S)
+    motion, left_s = carried_out(before.motion, before.plan, elapsed_s)
     now = Pursuit(before.time_ns, motion, before.plan, before.hold_s, before.turn, before.jumped)
     while left_s > 1e-9:
         part_s = min(LONGEST_STEP_S, left_s)

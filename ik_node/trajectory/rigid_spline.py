@@ -11,21 +11,26 @@ twists and their derivatives are continuous (C2), and the knots are met to round
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 from ik_node.trajectory.reference import RigidMotion
 from ik_node.trajectory.rotations import (
     Quaternion,
     Vector,
+    add,
     conjugate,
+    difference,
+    dot,
     from_vector,
     multiply,
     normalised,
     rotate_back,
+    scaled,
 )
 from ik_node.trajectory.so3 import inverse_right_jacobian, right_jacobian, right_jacobian_rate, turns_between
 
@@ -53,6 +58,17 @@ class Knots(NamedTuple):
     """(N, 3), rad/s2."""
 
 
+class SplineTable(NamedTuple):
+    """A spline's numbers."""
+
+    times_s: Array
+    """(N,), of the knots."""
+    places: Array
+    """(N, 7): position and quaternion (w, x, y, z) of each knot."""
+    coefficients: Array
+    """(N - 1, 5, 6): of u .. u^5, for position and rotation vector."""
+
+
 class RigidSpline:
     """The C2 motion through :class:`Knots`; immutable. Times are seconds on the knots' own scale."""
 
@@ -69,41 +85,41 @@ class RigidSpline:
             steps,
         )
         angular = _quintic(turns, (knots.rates[:-1], knots.angular_accelerations[:-1]), (ends, bends), steps)
-        self._times: list[float] = knots.times_s.tolist()
-        self._points: list[list[float]] = knots.positions.tolist()
-        self._linear: list[list[list[float]]] = linear.tolist()
-        self._angular: list[list[list[float]]] = angular.tolist()
+        places = np.concatenate((knots.positions, np.array(knots.orientations)), axis=1)
+        self.table = SplineTable(
+            np.array(knots.times_s, dtype=np.float64), places, np.concatenate((linear, angular), axis=2)
+        )
+        """For compiled functions."""
 
     @property
     def begin_s(self) -> float:
         """Time of the first knot."""
-        return self._times[0]
+        return float(self.table.times_s[0])
 
     @property
     def end_s(self) -> float:
         """Time of the last knot."""
-        return self._times[-1]
+        return float(self.table.times_s[-1])
 
     def pose(self, time_s: float) -> tuple[Vector, Quaternion]:
         """Position [m] and orientation (w, x, y, z); held at its ends outside ``begin_s .. end_s``."""
-        index, u = self._place(time_s)
-        theta = _value(self._angular[index], u)
-        return self._position(index, u), normalised(multiply(self.knots.orientations[index], from_vector(theta)))
+        return pose_on(self.table, time_s)
 
     def motion(self, time_s: float) -> RigidMotion:
         """Pose, velocity and acceleration; outside ``begin_s .. end_s`` those of its ends."""
-        index, u = self._place(time_s)
-        angular = self._angular[index]
-        theta = _value(angular, u)
-        vectors = np.array([theta]), np.array([_slope(angular, u)]), np.array([_bend(angular, u)])
-        rate = right_jacobian(vectors[0], vectors[1])
-        change = right_jacobian(vectors[0], vectors[2]) + right_jacobian_rate(*vectors[:2], vectors[1])
-        orientation = normalised(multiply(self.knots.orientations[index], from_vector(theta)))
+        times_s, _, coefficients = self.table
+        index, u = _place(times_s, time_s)
+        theta = np.array([_value(coefficients, index, 3, u)])
+        slope = np.array([_slope(coefficients, index, 3, u)])
+        bend = np.array([_bend(coefficients, index, 3, u)])
+        rate = right_jacobian(theta, slope)
+        change = right_jacobian(theta, bend) + right_jacobian_rate(theta, slope, slope)
+        position, orientation = pose_on(self.table, time_s)
         back = conjugate(orientation)
         return RigidMotion(
-            self._position(index, u),
-            _slope(self._linear[index], u),
-            _bend(self._linear[index], u),
+            position,
+            _slope(coefficients, index, 0, u),
+            _bend(coefficients, index, 0, u),
             orientation,
             rotate_back(back, _tuple(rate[0])),
             rotate_back(back, _tuple(change[0])),
@@ -116,7 +132,7 @@ class RigidSpline:
         steps = np.diff(self.knots.times_s)
         u = np.concatenate((np.outer(steps, parts).ravel(), steps[-1:]))
         index = np.concatenate((np.repeat(np.arange(len(steps)), per_interval), [len(steps) - 1]))
-        linear, angular = np.array(self._linear)[index], np.array(self._angular)[index]
+        linear, angular = np.split(self.table.coefficients[index], 2, axis=2)
         powers = np.arange(1.0, 6.0)
         value, slope = u[:, None] ** powers, powers * u[:, None] ** (powers - 1.0)
         bend = powers[1:] * (powers[1:] - 1.0) * u[:, None] ** (powers[1:] - 2.0)
@@ -136,68 +152,94 @@ class RigidSpline:
 
     def nearest(self, position: Vector, time_s: float) -> tuple[float, float]:
         """Time at which the path is nearest to ``position``, looked for downhill from ``time_s``, and how near [m]."""
-        best_s, best = time_s, self._squared_distance(position, time_s)
-        now_s = time_s
-        for _ in range(NEAREST_STEPS):
-            index, u = self._place(now_s)
-            x, y, z = self._position(index, u)
-            a, b, c = x - position[0], y - position[1], z - position[2]
-            v, w = _slope(self._linear[index], u), _bend(self._linear[index], u)
-            speed = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-            curvature = speed + a * w[0] + b * w[1] + c * w[2]
-            if speed <= 1e-18:
-                break
-            step = (a * v[0] + b * v[1] + c * v[2]) / (curvature if curvature > 0.25 * speed else speed)
-            now_s = min(max(now_s - step, self.begin_s), self.end_s)
-            squared = self._squared_distance(position, now_s)
-            if squared < best:
-                best_s, best = now_s, squared
-        return best_s, best**0.5
-
-    def _squared_distance(self, position: Vector, time_s: float) -> float:
-        x, y, z = self._position(*self._place(time_s))
-        return (x - position[0]) ** 2 + (y - position[1]) ** 2 + (z - position[2]) ** 2
-
-    def _place(self, time_s: float) -> tuple[int, float]:
-        times = self._times
-        inside = min(max(time_s, times[0]), times[-1])
-        index = min(bisect_right(times, inside) - 1, len(times) - 2)
-        return index, inside - times[index]
-
-    def _position(self, index: int, u: float) -> Vector:
-        x, y, z = _value(self._linear[index], u)
-        a, b, c = self._points[index]
-        return (a + x, b + y, c + z)
+        return nearest_on(self.table, position, time_s)
 
 
-def _value(rows: list[list[float]], u: float) -> Vector:
-    """The polynomials with coefficients ``rows`` of u .. u^5, one column per axis, at ``u``."""
-    (a1, b1, c1), (a2, b2, c2), (a3, b3, c3), (a4, b4, c4), (a5, b5, c5) = rows
-    return (
-        u * (a1 + u * (a2 + u * (a3 + u * (a4 + u * a5)))),
-        u * (b1 + u * (b2 + u * (b3 + u * (b4 + u * b5)))),
-        u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5)))),
-    )
+# --- what ticks do --------------------------------------------------------------------------------------------------
 
 
-def _slope(rows: list[list[float]], u: float) -> Vector:
+@compiled
+def pose_on(spline: SplineTable, time_s: float) -> tuple[Vector, Quaternion]:
+    """:meth:`RigidSpline.pose`."""
+    index, u = _place(spline.times_s, time_s)
+    knot = spline.places[index]
+    theta = _value(spline.coefficients, index, 3, u)
+    turned = normalised(multiply((knot[3], knot[4], knot[5], knot[6]), from_vector(theta)))
+    return _position(spline, index, u), turned
+
+
+@compiled
+def nearest_on(spline: SplineTable, position: Vector, time_s: float) -> tuple[float, float]:
+    """:meth:`RigidSpline.nearest`."""
+    times_s, coefficients = spline.times_s, spline.coefficients
+    best_s, best = time_s, _squared_distance(spline, position, time_s)
+    now_s = time_s
+    for _ in range(NEAREST_STEPS):
+        index, u = _place(times_s, now_s)
+        away = difference(_position(spline, index, u), position)
+        v, w = _slope(coefficients, index, 0, u), _bend(coefficients, index, 0, u)
+        speed = dot(v, v)
+        curvature = speed + dot(away, w)
+        if speed <= 1e-18:
+            break
+        step = dot(away, v) / (curvature if curvature > 0.25 * speed else speed)
+        now_s = min(max(now_s - step, times_s[0]), times_s[-1])
+        squared = _squared_distance(spline, position, now_s)
+        if squared < best:
+            best_s, best = now_s, squared
+    return best_s, sqrt(best)
+
+
+@compiled
+def _squared_distance(spline: SplineTable, position: Vector, time_s: float) -> float:
+    index, u = _place(spline.times_s, time_s)
+    away = difference(_position(spline, index, u), position)
+    return dot(away, away)
+
+
+@compiled
+def _place(times_s: Array, time_s: float) -> tuple[int, float]:
+    """Number of the interval, and the time since its beginning."""
+    inside = min(max(time_s, times_s[0]), times_s[-1])
+    index = min(int(np.searchsorted(times_s, inside, side="right")) - 1, len(times_s) - 2)
+    return index, inside - times_s[index]
+
+
+@compiled
+def _position(spline: SplineTable, index: int, u: float) -> Vector:
+    knot = spline.places[index]
+    return add((knot[0], knot[1], knot[2]), _value(spline.coefficients, index, 0, u))
+
+
+@compiled
+def _value(coefficients: Array, index: int, first: int, u: float) -> Vector:
+    """The polynomials of one interval at ``u``: those of the position from ``first`` = 0, of the rotation from 3."""
+    a, b, c, d, e = _columns(coefficients, index, first)
+    return scaled(add(a, scaled(add(b, scaled(add(c, scaled(add(d, scaled(e, u)), u)), u)), u)), u)
+
+
+@compiled
+def _slope(coefficients: Array, index: int, first: int, u: float) -> Vector:
     """Their first derivatives."""
-    (a1, b1, c1), (a2, b2, c2), (a3, b3, c3), (a4, b4, c4), (a5, b5, c5) = rows
-    return (
-        a1 + u * (2.0 * a2 + u * (3.0 * a3 + u * (4.0 * a4 + u * 5.0 * a5))),
-        b1 + u * (2.0 * b2 + u * (3.0 * b3 + u * (4.0 * b4 + u * 5.0 * b5))),
-        c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5))),
-    )
+    a, b, c, d, e = _columns(coefficients, index, first)
+    inner = add(scaled(d, 4.0), scaled(e, 5.0 * u))
+    return add(a, scaled(add(scaled(b, 2.0), scaled(add(scaled(c, 3.0), scaled(inner, u)), u)), u))
 
 
-def _bend(rows: list[list[float]], u: float) -> Vector:
+@compiled
+def _bend(coefficients: Array, index: int, first: int, u: float) -> Vector:
     """Their second derivatives."""
-    _, (a2, b2, c2), (a3, b3, c3), (a4, b4, c4), (a5, b5, c5) = rows
-    return (
-        2.0 * a2 + u * (6.0 * a3 + u * (12.0 * a4 + u * 20.0 * a5)),
-        2.0 * b2 + u * (6.0 * b3 + u * (12.0 * b4 + u * 20.0 * b5)),
-        2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)),
-    )
+    _, b, c, d, e = _columns(coefficients, index, first)
+    inner = add(scaled(d, 12.0), scaled(e, 20.0 * u))
+    return add(scaled(b, 2.0), scaled(add(scaled(c, 6.0), scaled(inner, u)), u))
+
+
+@compiled
+def _columns(coefficients: Array, index: int, first: int) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """Coefficients of u .. u^5 of three neighbouring polynomials."""
+    a, b, c, d, e = coefficients[index]
+    i, j, k = first, first + 1, first + 2
+    return (a[i], a[j], a[k]), (b[i], b[j], b[k]), (c[i], c[j], c[k]), (d[i], d[j], d[k]), (e[i], e[j], e[k])
 
 
 def _tuple(values: Array) -> Vector:

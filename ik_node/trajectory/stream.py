@@ -20,9 +20,9 @@ from ik_node.trajectory.cadence import Cadence, followed, restarted
 from ik_node.trajectory.curve import Curve, resting
 from ik_node.trajectory.latency import Latency, lag_at, wanted
 from ik_node.trajectory.motion import Motion
+from ik_node.trajectory.plan import NOTHING_PLANNED
 from ik_node.trajectory.predictors import Bank, begun, updated
 from ik_node.trajectory.pursuit import (
-    NOTHING_PLANNED,
     NOWHERE,
     Course,
     Pace,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.compiled import compiled
 from ik_node.se3 import Array
 
 
@@ -30,41 +30,48 @@ class TimeLaw:
         steps = np.diff(table.times_s)
         changes = np.diff(table.rates) / steps
         areas = steps * (table.places[:-1] + steps * (0.5 * table.rates[:-1] + steps * changes / 6.0))
-        self._times: list[float] = table.times_s.tolist()
-        self._places: list[float] = table.places.tolist()
-        self._rates: list[float] = table.rates.tolist()
-        self._changes: list[float] = [*changes.tolist(), 0.0]
-        self._areas: list[float] = [0.0, *np.cumsum(areas).tolist()]
-        self._window_s = table.window_s
+        self.rows = np.stack(
+            (table.times_s, table.places, table.rates, np.append(changes, 0.0), np.append(0.0, np.cumsum(areas))),
+            axis=1,
+        )
+        """(M, 5): time, parameter, its derivative, how that changes until the next row, the integral until there."""
+        self.window_s = table.window_s
 
     @property
     def duration_s(self) -> float:
         """From rest to rest."""
-        return self._times[-1] + self._window_s
+        return float(self.rows[-1, 0]) + self.window_s
 
     def place(self, time_s: float) -> float:
         """The path's parameter; held at its ends outside 0 .. ``duration_s``."""
-        if time_s <= 0.0:
-            return self._places[0]
-        if time_s >= self.duration_s:
-            return self._places[-1]
-        return (self._unsmoothed(time_s)[0] - self._unsmoothed(time_s - self._window_s)[0]) / self._window_s
+        return law_place(self.rows, self.window_s, time_s)
 
     def rates(self, time_s: float) -> tuple[float, float]:
         """Its first and second derivative."""
-        _, place, rate = self._unsmoothed(time_s)
-        _, place_before, rate_before = self._unsmoothed(time_s - self._window_s)
-        return (place - place_before) / self._window_s, (rate - rate_before) / self._window_s
+        _, place, rate = _unsmoothed(self.rows, time_s)
+        _, place_before, rate_before = _unsmoothed(self.rows, time_s - self.window_s)
+        return (place - place_before) / self.window_s, (rate - rate_before) / self.window_s
 
-    def _unsmoothed(self, time_s: float) -> tuple[float, float, float]:
-        """The integral, the parameter and its derivative before they are smoothed."""
-        first, last = self._times[0], self._times[-1]
-        if time_s <= first:
-            return self._places[0] * time_s, self._places[0], 0.0
-        if time_s >= last:
-            return self._areas[-1] + self._places[-1] * (time_s - last), self._places[-1], 0.0
-        index = bisect_right(self._times, time_s) - 1
-        d, place, rate = time_s - self._times[index], self._places[index], self._rates[index]
-        change = self._changes[index]
-        area = self._areas[index] + d * (place + d * (0.5 * rate + d * change / 6.0))
-        return area, place + d * (rate + 0.5 * d * change), rate + d * change
+
+@compiled
+def law_place(rows: Array, window_s: float, time_s: float) -> float:
+    """:meth:`TimeLaw.place`."""
+    if time_s <= 0.0:
+        return float(rows[0, 1])
+    if time_s >= rows[-1, 0] + window_s:
+        return float(rows[-1, 1])
+    return (_unsmoothed(rows, time_s)[0] - _unsmoothed(rows, time_s - window_s)[0]) / window_s
+
+
+@compiled
+def _unsmoothed(rows: Array, time_s: float) -> tuple[float, float, float]:
+    """The integral, the parameter and its derivative before they are smoothed."""
+    if time_s <= rows[0, 0]:
+        return rows[0, 1] * time_s, rows[0, 1], 0.0
+    last, place, _, _, area = rows[-1]
+    if time_s >= last:
+        return area + place * (time_s - last), place, 0.0
+    begin, place, rate, change, area = rows[np.searchsorted(rows[:, 0], time_s, side="right") - 1]
+    d = time_s - begin
+    area = area + d * (place + d * (0.5 * rate + d * change / 6.0))
+    return area, place + d * (rate + 0.5 * d * change), rate + d * change

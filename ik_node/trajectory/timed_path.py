@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
-from ik_node.trajectory.offset import slowed
-from ik_node.trajectory.reference import RigidMotion
-from ik_node.trajectory.rigid_spline import Knots, RigidSpline
-from ik_node.trajectory.rotations import Quaternion, Vector
-from ik_node.trajectory.time_law import LawTable, TimeLaw
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.compiled import compiled
+from ik_node.se3 import Array
+from ik_node.trajectory.curve import resting
+from ik_node.trajectory.motion import NO_POSE, Motion
+from ik_node.trajectory.offset import NO_OFFSET, Offset, part_of_way, placed, planned, slowed
+from ik_node.trajectory.reference import RigidMotion, mean_twist, pose_of
+from ik_node.trajectory.rigid_spline import Knots, RigidSpline, SplineTable, nearest_on, pose_on
+from ik_node.trajectory.rotations import Quaternion, Vector, position_in
+from ik_node.trajectory.time_law import LawTable, TimeLaw, law_place
+
+NO_LAW = np.zeros((0, 5))
+
+
+class PathTable(NamedTuple):
+    """A path's numbers."""
+
+    spline: SplineTable
+    law: Array
+    """:attr:`TimeLaw.rows`; none where the knots' parameter is time."""
+    window_s: float
 
 
 class TimedPath:
@@ -16,6 +35,8 @@ class TimedPath:
         """``law``: None where the knots' parameter is time in seconds."""
         self.spline = RigidSpline(knots)
         self._law = None if law is None else TimeLaw(law)
+        rows, window_s = (NO_LAW, 0.0) if self._law is None else (self._law.rows, self._law.window_s)
+        self._table = PathTable(self.spline.table, rows, window_s)
 
     @property
     def end_s(self) -> float:
@@ -32,11 +53,58 @@ class TimedPath:
             return self.spline.motion(time_s)
         return slowed(self.spline.motion(self._law.place(time_s)), *self._law.rates(time_s))
 
-    def distance_m(self, position: Vector, time_s: float) -> float:
-        """How near the path comes to ``position``, looked for downhill from where it is at ``time_s``."""
-        return self.spline.nearest(position, time_s if self._law is None else self._law.place(time_s))[1]
+    def led(
+        self, begin_s: float, end_s: float, hold_s: float, offset: Offset | None, pose_sb: Array | None, part: float
+    ) -> tuple[Motion, Offset | None, float]:
+        """The motion from ``begin_s`` to ``end_s`` of the path, at an ``offset`` from it, with that for ``hold_s``.
+
+        The twist belongs to the ``part`` of ``hold_s`` that the way takes. Last comes how near the path comes to the
+        tool [m], looked for downhill from where it is at ``begin_s``; NaN without ``pose_sb`` (4, 4).
+        """
+        motion, after, distance_m = _led(
+            self._table,
+            begin_s,
+            end_s,
+            hold_s,
+            offset or NO_OFFSET,
+            offset is not None,
+            NO_POSE if pose_sb is None else np.ascontiguousarray(pose_sb),
+            part,
+        )
+        return motion, after if offset is not None else None, distance_m
 
     def resting(self, time_s: float) -> RigidMotion:
         """At rest at one pose of the path."""
         position, orientation = self.pose(time_s)
         return RigidMotion(position, orientation=orientation)
+
+
+@compiled
+def _led(
+    path: PathTable,
+    begin_s: float,
+    end_s: float,
+    hold_s: float,
+    offset: Offset,
+    is_off: bool,
+    pose_sb: Array,
+    part: float,
+) -> tuple[Motion, Offset, float]:
+    """:meth:`TimedPath.led`; ``is_off``: whether there is an offset."""
+    begin, end = _place(path, begin_s), _place(path, end_s)
+    position, orientation = pose_on(path.spline, begin)
+    now = resting(position, orientation)
+    position, orientation = pose_on(path.spline, end)
+    then = resting(position, orientation)
+    if is_off:
+        offset, after = planned(offset, hold_s)
+        now = placed(now, offset.motion)
+        then = placed(then, part_of_way(offset.motion, after, part))
+    distance_m = nearest_on(path.spline, position_in(pose_sb), begin)[1]
+    return Motion(pose_of(now), mean_twist(now, then, part * hold_s)), offset, distance_m
+
+
+@compiled
+def _place(path: PathTable, time_s: float) -> float:
+    """The parameter of the spline."""
+    return time_s if len(path.law) == 0 else law_place(path.law, path.window_s, time_s)

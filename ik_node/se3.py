@@ -7,7 +7,6 @@ one into the other, and this is the only place that says so.
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from ik_node.trajectory.rotations import (
     to_matrix,
     to_vector,
 )
+from ik_node.trajectory.so3 import inverse_coefficient, jacobian_coefficients
 
 Array = NDArray[np.float64]
 
@@ -179,14 +179,8 @@ def times(pose_sa: Array, pose_ab: Array) -> Array:
 def pose_after(twist: Array) -> Array:
     """:func:`exp`."""
     v, turn = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])
-    squared = dot(turn, turn)
     # V v, with V = 1 + a [turn] + b [turn]^2 the left Jacobian
-    if squared < 1e-2:  # series, exact to rounding: no division by the angle
-        a = 0.5 + squared * (-1 / 24 + squared * (1 / 720 - squared / 40320))
-        b = 1 / 6 + squared * (-1 / 120 + squared * (1 / 5040 - squared / 362880))
-    else:
-        angle = sqrt(squared)
-        a, b = (1.0 - cos(angle)) / squared, (angle - sin(angle)) / (squared * angle)
+    a, b = jacobian_coefficients(dot(turn, turn))
     once = cross(turn, v)
     twice = cross(turn, once)
     pose, rows = np.empty((4, 4)), to_matrix(from_vector(turn))
@@ -201,13 +195,8 @@ def pose_after(twist: Array) -> Array:
 def twist_to(pose: Array) -> Array:
     """:func:`log`."""
     turn, p = to_vector(orientation_in(pose)), position_in(pose)
-    squared = dot(turn, turn)
     # V^-1 p, with V^-1 = 1 - [turn] / 2 + c [turn]^2
-    if squared < 1e-2:
-        c = 1 / 12 + squared * (1 / 720 + squared * (1 / 30240 + squared / 1209600))
-    else:
-        half = 0.5 * sqrt(squared)
-        c = (1.0 - half * cos(half) / sin(half)) / squared
+    c = inverse_coefficient(dot(turn, turn))
     once = cross(turn, p)
     twice = cross(turn, once)
     twist = np.empty(6)

@@ -23,16 +23,22 @@ from ik_node.trajectory.rotations import (
     Quaternion,
     Vector,
     add,
-    conjugate,
     difference,
     dot,
     from_vector,
     multiply,
     normalised,
-    rotate_back,
+    rotate,
     scaled,
 )
-from ik_node.trajectory.so3 import inverse_right_jacobian, right_jacobian, right_jacobian_rate, turns_between
+from ik_node.trajectory.so3 import (
+    inverse_right_jacobian,
+    right_jacobian,
+    right_jacobian_rate,
+    turned_jacobian,
+    turned_jacobian_rate,
+    turns_between,
+)
 
 NEAREST_STEPS = 4
 """Newton steps of :meth:`RigidSpline.nearest`."""
@@ -107,23 +113,7 @@ class RigidSpline:
 
     def motion(self, time_s: float) -> RigidMotion:
         """Pose, velocity and acceleration; outside ``begin_s .. end_s`` those of its ends."""
-        times_s, _, coefficients = self.table
-        index, u = _place(times_s, time_s)
-        theta = np.array([_value(coefficients, index, 3, u)])
-        slope = np.array([_slope(coefficients, index, 3, u)])
-        bend = np.array([_bend(coefficients, index, 3, u)])
-        rate = right_jacobian(theta, slope)
-        change = right_jacobian(theta, bend) + right_jacobian_rate(theta, slope, slope)
-        position, orientation = pose_on(self.table, time_s)
-        back = conjugate(orientation)
-        return RigidMotion(
-            position,
-            _slope(coefficients, index, 0, u),
-            _bend(coefficients, index, 0, u),
-            orientation,
-            rotate_back(back, _tuple(rate[0])),
-            rotate_back(back, _tuple(change[0])),
-        )
+        return motion_on(self.table, time_s)
 
     def derivatives(self, per_interval: int) -> tuple[Array, Array, Array]:
         """Times (M,) of so many points in each interval and the end, with the velocities of the origin and of turning
@@ -166,6 +156,25 @@ def pose_on(spline: SplineTable, time_s: float) -> tuple[Vector, Quaternion]:
     theta = _value(spline.coefficients, index, 3, u)
     turned = normalised(multiply((knot[3], knot[4], knot[5], knot[6]), from_vector(theta)))
     return _position(spline, index, u), turned
+
+
+@compiled
+def motion_on(spline: SplineTable, time_s: float) -> RigidMotion:
+    """:meth:`RigidSpline.motion`."""
+    coefficients = spline.coefficients
+    index, u = _place(spline.times_s, time_s)
+    theta, slope = _value(coefficients, index, 3, u), _slope(coefficients, index, 3, u)
+    bend = _bend(coefficients, index, 3, u)
+    change = add(turned_jacobian(theta, bend), turned_jacobian_rate(theta, slope, slope))
+    position, orientation = pose_on(spline, time_s)
+    return RigidMotion(
+        position,
+        _slope(coefficients, index, 0, u),
+        _bend(coefficients, index, 0, u),
+        orientation,
+        rotate(orientation, turned_jacobian(theta, slope)),
+        rotate(orientation, change),
+    )
 
 
 @compiled
@@ -240,11 +249,6 @@ def _columns(coefficients: Array, index: int, first: int) -> tuple[Vector, Vecto
     a, b, c, d, e = coefficients[index]
     i, j, k = first, first + 1, first + 2
     return (a[i], a[j], a[k]), (b[i], b[j], b[k]), (c[i], c[j], c[k]), (d[i], d[j], d[k]), (e[i], e[j], e[k])
-
-
-def _tuple(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return (x, y, z)
 
 
 def _quintic(way: Array, begin: tuple[Array, Array], end: tuple[Array, Array], steps: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Rotation vectors and their rates, for many at once: what interpolation of rotations needs.
+"""Rotation vectors and their rates, one by one and many at once: what interpolation of rotations needs.
 
 Rates of a rotation vector theta and of the body are tied by the right Jacobian of SO(3) (Chirikjian, "Stochastic
 Models, Information Theory, and Lie Groups 2", 2012, section 10.6) ::
@@ -11,10 +11,31 @@ with omega written in the turned frame. Near a = 0 the coefficients are series, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from math import cos, sin, sqrt
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ik_node.se3 import Array
-from ik_node.trajectory.rotations import Quaternion, from_matrix
+from ik_node.compiled import compiled
+from ik_node.trajectory.rotations import (
+    Quaternion,
+    Vector,
+    add,
+    cross,
+    difference,
+    dot,
+    from_matrix,
+    multiply,
+    scaled,
+    to_vector,
+)
+
+if TYPE_CHECKING:  # ik_node.se3 is built on this module
+    from ik_node.se3 import Array
+
+SMALL = 1e-2
+"""Squared angles below which series stand for the coefficients, exact to rounding."""
 
 
 def orientations_of(rotations: Array) -> tuple[Quaternion, ...]:
@@ -24,69 +45,123 @@ def orientations_of(rotations: Array) -> tuple[Quaternion, ...]:
 
 def turns_between(orientations: tuple[Quaternion, ...]) -> Array:
     """Rotation vectors (N - 1, 3) of the shortest turns from each orientation to the next, in the former's frame."""
-    quaternions = np.array(orientations)
-    aw, a = quaternions[:-1, :1], quaternions[:-1, 1:]
-    bw, b = quaternions[1:, :1], quaternions[1:, 1:]
-    w = aw * bw + (a * b).sum(axis=1, keepdims=True)
-    axis = np.where(w < 0.0, -1.0, 1.0) * (aw * b - bw * a - _cross(a, b))
-    sine, cosine = np.sqrt((axis * axis).sum(axis=1, keepdims=True)), np.abs(w)
-    small = sine < 1e-9
-    factor = np.where(small, 2.0, 2.0 * np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
-    return np.asarray(axis * factor)
+    return _turns(np.array(orientations))
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Row by row; a fifth of the time of numpy's own."""
-    ax, ay, az = a.T
-    bx, by, bz = b.T
-    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=1)
+@compiled
+def _turns(quaternions: Array) -> Array:
+    turns = np.empty((len(quaternions) - 1, 3))
+    for i in range(len(turns)):
+        (aw, ax, ay, az), (bw, bx, by, bz) = quaternions[i], quaternions[i + 1]
+        turns[i] = np.array(to_vector(multiply((aw, -ax, -ay, -az), (bw, bx, by, bz))))
+    return turns
 
 
 def right_jacobian(theta: Array, vector: Array) -> Array:
     """J_r(theta) vector, row by row, (N, 3)."""
-    a, b, _, _ = _coefficients(theta)
-    once = _cross(theta, vector)
-    return np.asarray(vector - a * once + b * _cross(theta, once))
+    return _row_by_row(_jacobian_rows, theta, vector)
 
 
 def inverse_right_jacobian(theta: Array, vector: Array) -> Array:
     """J_r(theta)^-1 vector, row by row, (N, 3)."""
-    a, b, _, _ = _coefficients(theta)
-    squared = (theta * theta).sum(axis=1, keepdims=True)
-    small = squared < 1e-4
-    safe = np.where(small, 1.0, squared)
-    # 1 / a^2 - (1 + cos a) / (2 a sin a), written without the division by sin a
-    exact = (1.0 - 0.5 * (1.0 - b * squared) / a) / safe
-    c = np.where(small, 1 / 12 + squared * (1 / 720 + squared / 30240), exact)
-    once = _cross(theta, vector)
-    return np.asarray(vector + 0.5 * once + c * _cross(theta, once))
+    return _row_by_row(_inverse_rows, theta, vector)
 
 
 def right_jacobian_rate(theta: Array, slope: Array, vector: Array) -> Array:
     """(d/dt J_r(theta)) vector for theta' = ``slope``, row by row, (N, 3)."""
-    a, b, a_rate, b_rate = _coefficients(theta)
-    along = (theta * slope).sum(axis=1, keepdims=True)
-    once, turned = _cross(theta, vector), _cross(slope, vector)
-    first = -a * turned + b * (_cross(slope, once) + _cross(theta, turned))
-    return np.asarray(first + along * (b_rate * _cross(theta, once) - a_rate * once))
+    return _row_by_row(_rate_rows, theta, slope, vector)
 
 
-def _coefficients(theta: Array) -> tuple[Array, Array, Array, Array]:
-    """A, B and their derivatives by the angle, over the angle, (N, 1) each."""
-    squared = (theta * theta).sum(axis=1, keepdims=True)
-    small = squared < 1e-2
-    s = np.where(small, 1.0, squared)
-    angle = np.sqrt(s)
-    sine, cosine = np.sin(angle), np.cos(angle)
+def _row_by_row(function: Callable[..., Array], *columns: Array) -> Array:
+    return function(*(np.ascontiguousarray(column, dtype=np.float64) for column in columns))
+
+
+@compiled
+def _jacobian_rows(theta: Array, vector: Array) -> Array:
+    result = np.empty_like(theta)
+    for i in range(len(theta)):
+        result[i] = np.array(turned_jacobian(_row(theta, i), _row(vector, i)))
+    return result
+
+
+@compiled
+def _inverse_rows(theta: Array, vector: Array) -> Array:
+    result = np.empty_like(theta)
+    for i in range(len(theta)):
+        angle, v = _row(theta, i), _row(vector, i)
+        once = cross(angle, v)
+        twice = cross(angle, once)
+        c = inverse_coefficient(dot(angle, angle))
+        result[i] = np.array(add(v, add(scaled(once, 0.5), scaled(twice, c))))
+    return result
+
+
+@compiled
+def _rate_rows(theta: Array, slope: Array, vector: Array) -> Array:
+    result = np.empty_like(theta)
+    for i in range(len(theta)):
+        result[i] = np.array(turned_jacobian_rate(_row(theta, i), _row(slope, i), _row(vector, i)))
+    return result
+
+
+@compiled
+def _row(array: Array, i: int) -> Vector:
+    return (array[i, 0], array[i, 1], array[i, 2])
+
+
+@compiled
+def turned_jacobian(theta: Vector, v: Vector) -> Vector:
+    """J_r(theta) v."""
+    a, b = jacobian_coefficients(dot(theta, theta))
+    once = cross(theta, v)
+    return add(difference(v, scaled(once, a)), scaled(cross(theta, once), b))
+
+
+@compiled
+def turned_jacobian_rate(theta: Vector, slope: Vector, v: Vector) -> Vector:
+    """(d/dt J_r(theta)) v for theta' = ``slope``."""
+    squared = dot(theta, theta)
+    a, b = jacobian_coefficients(squared)
+    a_rate, b_rate = _coefficient_rates(squared)
+    along, once, turned = dot(theta, slope), cross(theta, v), cross(slope, v)
+    first = difference(scaled(add(cross(slope, once), cross(theta, turned)), b), scaled(turned, a))
+    second = difference(scaled(cross(theta, once), b_rate), scaled(once, a_rate))
+    return add(first, scaled(second, along))
+
+
+@compiled
+def jacobian_coefficients(squared: float) -> tuple[float, float]:
+    """A and B, from the squared angle."""
+    if squared < SMALL:
+        return (
+            0.5 + squared * (-1 / 24 + squared * (1 / 720 - squared / 40320)),
+            1 / 6 + squared * (-1 / 120 + squared * (1 / 5040 - squared / 362880)),
+        )
+    angle = sqrt(squared)
+    return (1.0 - cos(angle)) / squared, (angle - sin(angle)) / (squared * angle)
+
+
+@compiled
+def inverse_coefficient(squared: float) -> float:
+    """C in J_r^-1 = 1 + [theta] / 2 + C [theta]^2, which is 1 / a^2 - (1 + cos a) / (2 a sin a)."""
+    if squared < SMALL:
+        return 1 / 12 + squared * (1 / 720 + squared * (1 / 30240 + squared / 1209600))
+    half = 0.5 * sqrt(squared)
+    return (1.0 - half * cos(half) / sin(half)) / squared  # no division by sin a, which is 0 at half a turn
+
+
+@compiled
+def _coefficient_rates(squared: float) -> tuple[float, float]:
+    """Derivatives of A and B by the angle, over the angle."""
     x = squared
-    a = np.where(small, 0.5 + x * (-1 / 24 + x * (1 / 720 - x / 40320)), (1.0 - cosine) / s)
-    b = np.where(small, 1 / 6 + x * (-1 / 120 + x * (1 / 5040 - x / 362880)), (angle - sine) / (s * angle))
-    a_rate = np.where(
-        small, -1 / 12 + x * (1 / 180 + x * (-1 / 6720 + x / 453600)), (angle * sine - 2.0 * (1.0 - cosine)) / (s * s)
+    if x < SMALL:
+        return (
+            -1 / 12 + x * (1 / 180 + x * (-1 / 6720 + x / 453600)),
+            -1 / 60 + x * (1 / 1260 + x * (-1 / 60480 + x / 4989600)),
+        )
+    angle = sqrt(x)
+    sine, cosine = sin(angle), cos(angle)
+    return (
+        (angle * sine - 2.0 * (1.0 - cosine)) / (x * x),
+        (angle * (1.0 - cosine) - 3.0 * (angle - sine)) / (x * x * angle),
     )
-    b_rate = np.where(
-        small,
-        -1 / 60 + x * (1 / 1260 + x * (-1 / 60480 + x / 4989600)),
-        (angle * (1.0 - cosine) - 3.0 * (angle - sine)) / (s * s * angle),
-    )
-    return a, b, a_rate, b_rate

@@ -32,6 +32,16 @@ from ik_node.robot import Robot
 from ik_node.settings import Settings
 
 
+_SOURCES: Mapping[CallKind, str] = {
+    **{kind: entry.name for kind, entry in INPUTS.items()},
+    **dict.fromkeys(TEXT_CALLS, CALL_TEXTS),
+    **dict.fromkeys(SETTINGS_CALLS, PARAMETERS),
+}
+"""Where the message that a call took is found; the others take none."""
+_Pending = tuple[int, Call, bytes]
+"""An event but for its step."""
+
+
 class Event(NamedTuple):
     """One call of the controller."""
 
@@ -102,30 +112,32 @@ class RecordedCalls:
 
     def events(self) -> Iterator[Event | Checkpoint]:
         """Everything in its order. RecordingError where the recording is damaged."""
-        inputs: dict[tuple[str, int], bytes] = {}
-        pending: Event | None = None
+        waiting: dict[str, dict[int, bytes]] = {source: {} for source in {*self._inputs.values(), *_SOURCES.values()}}
+        inputs = {topic: waiting[source] for topic, source in self._inputs.items()}
+        pending: _Pending | None = None
+        step: bytes | None = None
         for message in self.recording.messages({*self._roles, *self._inputs}):
-            role = self._roles.get(message.topic)
+            topic, _, data, _, _, number = message
+            role = self._roles.get(topic)
             if role is None:
-                inputs[self._inputs[message.topic], message.sequence] = message.data
+                inputs[topic][number] = data
             elif role == STEP:
-                if pending is not None:
-                    pending = pending._replace(step=message.data)
+                step = data
             elif role == CALLS:
                 if pending is not None:
-                    yield pending
-                pending = self._event(message, inputs)
+                    yield Event(*pending, step)
+                pending, step = self._called(message, waiting), None
             elif role == STEP_TEXTS:
                 self._understood(message, self.steps.texts)
             elif role in (CALL_TEXTS, PARAMETERS):
-                inputs[role, message.sequence] = message.data
+                waiting[role][number] = data
             elif role == STATE:
                 if pending is not None:
-                    yield pending
+                    yield Event(*pending, step)
                     pending = None
                 yield Checkpoint(self._understood(message, decode_state))
         if pending is not None:
-            yield pending
+            yield Event(*pending, step)
 
     @property
     def lossy(self) -> bool:
@@ -137,14 +149,14 @@ class RecordedCalls:
         """All settings after a call that changed them."""
         return self.head.settings.with_values(decode_parameters(event.data).values)
 
-    def _event(self, message: RecordedMessage, inputs: dict[tuple[str, int], bytes]) -> Event | None:
+    def _called(self, message: RecordedMessage, waiting: dict[str, dict[int, bytes]]) -> _Pending | None:
         """The call with what it took; None where that was lost."""
         call: Call = self._understood(message, decode_call)
-        source = _source(call.kind)
+        source = _SOURCES.get(call.kind)
         if source is None:
-            return Event(message.sequence, call, b"", None)
-        data = inputs.pop((source, call.sequence), None)
-        return None if data is None else Event(message.sequence, call, data, None)
+            return message.sequence, call, b""
+        data = waiting[source].pop(call.sequence, None)
+        return None if data is None else (message.sequence, call, data)
 
     def _read_head(self, node: str) -> Head:
         found: dict[str, RecordedMessage] = {}
@@ -170,15 +182,6 @@ class RecordedCalls:
             return decode(message.data)
         except InputError as error:
             raise RecordingError(f"'{self.path}', topic {message.topic}: {error}") from error
-
-
-def _source(kind: CallKind) -> str | None:
-    """Where the message that a call took is found; None where it takes none."""
-    if kind in INPUTS:
-        return INPUTS[kind].name
-    if kind in TEXT_CALLS:
-        return CALL_TEXTS
-    return PARAMETERS if kind in SETTINGS_CALLS else None
 
 
 def decode_state(data: bytes) -> ControllerState:

@@ -10,11 +10,12 @@ import io
 import re
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 import yaml
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -27,18 +28,14 @@ from mcap.summary import Summary
 from ik_node.errors import RecordingError
 from ik_node.recording.bag_metadata import METADATA_FILE, ROOT, STORAGE
 from ik_node.recording.mcap_file import MAGIC
+from ik_node.recording.mcap_scan import CHANNELS, UNKNOWN, UNWANTED, WANTED, wanted_messages
 
 _record = struct.Struct("<BQ")
-_message = struct.Struct("<BQHIQQ")
 _chunk = struct.Struct("<QQQII")
 _length = struct.Struct("<Q")
+_message_channel = struct.Struct("<HIQQ")
+_TELLING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 _PART = re.compile(r"_(\d+)\.mcap$")
-
-DECOMPRESSORS: Mapping[bytes, Callable[[bytes, int], bytes]] = {
-    b"": lambda data, size: data,
-    b"lz4": lambda data, size: bytes(lz4.frame.decompress(data)),
-    b"zstd": zstandard.decompress,
-}
 
 
 class Topic(NamedTuple):
@@ -87,11 +84,11 @@ class Part:
 
         Ends where a cut-off file ends. Raises RecordingError when a complete file is damaged.
         """
-        reading = _Reading(self.topics, topics)
+        reading, chunks = _Reading(self.topics, topics), Unpacker()
         try:
             with self.path.open("rb") as stream:
                 for opcode, record in self._records(stream):
-                    yield from reading.messages(unpacked(record[_record.size :]) if opcode == Opcode.CHUNK else record)
+                    yield from reading.messages(chunks.unpacked(record) if opcode == Opcode.CHUNK else record)
         except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
             if self.complete:
                 raise RecordingError(f"'{self.path}' is damaged behind byte {self.readable_bytes}: {error}") from error
@@ -122,7 +119,8 @@ class Part:
             return None
 
     def _records(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """Every whole record of the data section, with its opcode and length."""
+        """Every whole record of the data section that tells of messages, with its opcode and length."""
+        size = self._size()
         self.readable_bytes = len(MAGIC)
         stream.seek(self.readable_bytes)
         while True:
@@ -130,29 +128,52 @@ class Part:
             if len(opening) < _record.size:
                 return
             opcode, length = _record.unpack(opening)
-            content = stream.read(length) if length < self._remaining() else b""
-            if len(content) < length or opcode == Opcode.DATA_END:
+            end = self.readable_bytes + _record.size + length
+            if end > size:  # or somebody is still writing
+                size = self._size()
+            if end > size or opcode == Opcode.DATA_END:
                 return
-            yield opcode, opening + content
-            self.readable_bytes += _record.size + length
+            if opcode in _TELLING:
+                content = stream.read(length)
+                if len(content) < length:
+                    return
+                yield opcode, opening + content
+            else:
+                stream.seek(length, io.SEEK_CUR)
+            self.readable_bytes = end
 
-    def _remaining(self) -> int:
-        return self.path.stat().st_size - self.readable_bytes
+    def _size(self) -> int:
+        return self.path.stat().st_size
 
 
-def unpacked(content: bytes) -> bytes:
-    """The records of a chunk; ValueError when they are damaged."""
-    _, _, size, crc, name_length = _chunk.unpack_from(content)
-    begin = _chunk.size + name_length
-    compression = content[_chunk.size : begin]
-    if compression not in DECOMPRESSORS:
+class Unpacker:
+    """Takes chunks apart. One instance belongs to one thread."""
+
+    def __init__(self) -> None:
+        # One for all chunks: what it works in need not be made anew for each.
+        self._zstd = zstandard.ZstdDecompressor()
+
+    def unpacked(self, record: bytes) -> bytes:
+        """The records in a whole chunk record; ValueError when they are damaged."""
+        _, _, size, crc, name_length = _chunk.unpack_from(record, _record.size)
+        begin = _record.size + _chunk.size
+        compression = record[begin : begin + name_length]
+        begin += name_length
+        (compressed_size,) = _length.unpack_from(record, begin)
+        begin += _length.size
+        records = self._decompressed(compression, record[begin : begin + compressed_size], size)
+        if len(records) != size or (crc and zlib.crc32(records) != crc):
+            raise ValueError("a chunk does not match its checksum")
+        return records
+
+    def _decompressed(self, compression: bytes, data: bytes, size: int) -> bytes:
+        if compression == b"zstd":
+            return self._zstd.decompress(data, size)
+        if compression == b"lz4":
+            return bytes(lz4.frame.decompress(data))
+        if compression == b"":
+            return data
         raise RecordingError(f"chunk compression '{compression.decode()}' is not known; valid: none, lz4, zstd")
-    (compressed_size,) = _length.unpack_from(content, begin)
-    begin += _length.size
-    records = DECOMPRESSORS[compression](content[begin : begin + compressed_size], size)
-    if len(records) != size or (crc and zlib.crc32(records) != crc):
-        raise ValueError("a chunk does not match its checksum")
-    return records
 
 
 class _Reading:
@@ -162,35 +183,39 @@ class _Reading:
         self._topics = topics
         self._wanted = wanted
         self._schemas: dict[int, str] = {}
-        self._of_interest: dict[int, Topic | None] = {}
+        self._channels = np.full(CHANNELS, UNKNOWN, dtype=np.uint8)
 
     def messages(self, records: bytes) -> Iterator[RecordedMessage]:
-        """The messages among ``records``; ValueError when one is of no channel."""
-        offset, end, of_interest = 0, len(records), self._of_interest
+        """The messages among ``records``; ValueError when one is of no channel, or cut off."""
+        offset, end, topics = 0, len(records), self._topics
         while offset < end:
-            opcode, length = _record.unpack_from(records, offset)
-            if opcode == Opcode.MESSAGE:
-                _, _, channel, sequence, log_time_ns, publish_time_ns = _message.unpack_from(records, offset)
-                if channel not in of_interest:
-                    raise ValueError(f"a message is of channel {channel}, which is not described before it")
-                topic = of_interest[channel]
-                if topic is not None:
-                    data = records[offset + _message.size : offset + _record.size + length]
-                    yield RecordedMessage(topic[0], topic[1], data, log_time_ns, publish_time_ns, sequence)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._describe(opcode, records[offset + _record.size : offset + _record.size + length])
-            offset += _record.size + length
+            rows, offset = wanted_messages(np.frombuffer(records, np.uint8), offset, self._channels)
+            for channel, sequence, log_time_ns, publish_time_ns, begin, behind in rows.tolist():
+                name, type_name = topics[channel]
+                yield RecordedMessage(name, type_name, records[begin:behind], log_time_ns, publish_time_ns, sequence)
+            if offset < end:
+                offset = self._describe(records, offset)
 
-    def _describe(self, opcode: int, content: bytes) -> None:
+    def _describe(self, records: bytes, offset: int) -> int:
+        """Takes what the record at ``offset`` says of a channel; returns where the next record begins."""
+        opcode, length = _record.unpack_from(records, offset)
+        begin = offset + _record.size
+        if begin + length > len(records):
+            raise ValueError(f"a record of {length} bytes runs past the end of its chunk")
+        content = records[begin : begin + length]
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(_stream(content))
             self._schemas[schema.id] = schema.name
-            return
-        channel = Channel.read(_stream(content))
-        topic = Topic(channel.topic, self._schemas.get(channel.schema_id, ""))
-        self._topics[channel.id] = topic
-        wanted = self._wanted is None or topic.name in self._wanted
-        self._of_interest[channel.id] = topic if wanted else None
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(content))
+            topic = Topic(channel.topic, self._schemas.get(channel.schema_id, ""))
+            self._topics[channel.id] = topic
+            wanted = self._wanted is None or topic.name in self._wanted
+            self._channels[channel.id] = WANTED if wanted else UNWANTED
+        else:
+            number, *_ = _message_channel.unpack_from(content)
+            raise ValueError(f"a message is of channel {number}, which is not described before it")
+        return begin + int(length)
 
 
 def _stream(content: bytes) -> ReadDataStream:

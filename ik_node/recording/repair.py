@@ -32,7 +32,7 @@ from ik_node.recording.bag_metadata import (
     write_metadata,
 )
 from ik_node.recording.mcap_file import MAGIC, Content, McapFile
-from ik_node.recording.mcap_reader import Recording, part_files, unpacked
+from ik_node.recording.mcap_reader import Recording, Unpacker, part_files
 
 _record = struct.Struct("<BQ")
 _message = struct.Struct("<BQHIQQ")
@@ -152,6 +152,7 @@ class _Scan:
         self.missing = 0
         self._expected: dict[int, int] = {}
         self._open: _OpenChunk | None = None
+        self._chunks = Unpacker()
         try:
             with path.open("rb") as stream:
                 self._read(stream)
@@ -246,7 +247,7 @@ class _Scan:
                 self.custom |= _custom(metadata.metadata.get("serialized_metadata", ""))
 
     def _take_chunk(self, record: bytes) -> None:
-        records = unpacked(record[_record.size :])
+        records = self._chunks.unpacked(record)
         indexes = self._take_messages(records)
         self._open = _OpenChunk(self.size, len(record), Chunk.read(_stream(record)), indexes)
 

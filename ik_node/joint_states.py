@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ik_node.inputs import JointSample
 from ik_node.se3 import Array
 from ik_node.settings import StateSettings
 
-Indices = NDArray[np.intp]
+Places = NDArray[np.intp] | slice
 
 
 class JointState(NamedTuple):
@@ -42,11 +43,11 @@ class JointStateMerger:
 
     def __init__(self, joints: tuple[str, ...], settings: StateSettings) -> None:
         self._joints = joints
-        self._settings = settings
+        self.configure(settings)
         self._position = np.full(len(joints), np.nan)
         self._time_ns = np.zeros(len(joints), dtype=np.int64)
         self._missing = np.ones(len(joints), dtype=bool)
-        self._places: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
+        self._places: dict[tuple[str, ...], tuple[Places, Places]] = {}
         self._last_time_ns = 0
         self.received_ns = 0
         """Monotonic arrival of the newest complete state; 0 before the first."""
@@ -57,7 +58,7 @@ class JointStateMerger:
 
     def configure(self, settings: StateSettings) -> None:
         """Other settings from now on."""
-        self._settings = settings
+        self._max_age_ns = round(settings.max_age_s * NS)
 
     def add(self, sample: JointSample, now: Instant) -> JointState | None:
         """The complete state that ``sample`` finishes, or None.
@@ -65,25 +66,26 @@ class JointStateMerger:
         A message that holds none of our joints changes nothing. Raises StateRefused when names and positions do not
         match in number or a position of ours is not finite.
         """
-        if len(sample.position) != len(sample.names):
-            raise StateRefused(f"joint state has {len(sample.names)} names but {len(sample.position)} positions")
-        ours, theirs = self._match(sample.names)
-        if not len(ours):
-            return None
+        names = sample.names
+        if len(sample.position) != len(names):
+            raise StateRefused(f"joint state has {len(names)} names but {len(sample.position)} positions")
+        ours, theirs = self._places.get(names) or self._match(names)
         position = sample.position[theirs]
-        if not np.isfinite(position).all():
-            bad = [self._joints[index] for index, value in zip(ours, position, strict=True) if not np.isfinite(value)]
+        if not len(position):
+            return None
+        if not all(map(isfinite, position.tolist())):
+            bad = [name for name, value in zip(np.array(self._joints)[ours], position, strict=True) if not isfinite(value)]
             raise StateRefused(f"joint state is not finite for {', '.join(bad)}")
-        stamped = place(sample.stamp_ns, now, round(self._settings.max_age_s * NS))
+        stamped = place(sample.stamp_ns, now, self._max_age_ns)
         self.skew_ns = stamped.skew_ns
         self._position[ours] = position
         self._time_ns[ours] = stamped.time_ns
         self._missing[ours] = False
-        if self._missing.any():
+        if np.count_nonzero(self._missing):
             return None
         self._missing[:] = True
         self.received_ns = now.monotonic_ns
-        time_ns = int(self._time_ns.min())
+        time_ns = min(self._time_ns.tolist())
         if time_ns <= self._last_time_ns:
             self.out_of_order += 1
             return None
@@ -94,11 +96,13 @@ class JointStateMerger:
         """Controlled joints that no message has named yet."""
         return tuple(name for name, value in zip(self._joints, self._position, strict=True) if np.isnan(value))
 
-    def _match(self, names: tuple[str, ...]) -> tuple[Indices, Indices]:
-        """Indices into our joints and into the message where names agree; remembered, as drivers repeat themselves."""
-        if names not in self._places:
-            if len(self._places) > 64:
-                self._places.clear()
+    def _match(self, names: tuple[str, ...]) -> tuple[Places, Places]:
+        """Where names agree, in our joints and in the message; remembered, as drivers repeat themselves."""
+        if len(self._places) > 64:
+            self._places.clear()
+        if names == self._joints:  # as most drivers have it, and quicker
+            self._places[names] = (slice(None), slice(None))
+        else:
             where = {name: index for index, name in enumerate(names)}
             pairs = [(ours, where[name]) for ours, name in enumerate(self._joints) if name in where]
             table = np.array(pairs, dtype=np.intp).reshape(-1, 2)

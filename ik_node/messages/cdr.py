@@ -27,6 +27,7 @@ _STAMP_OFFSET = 4  # a Header comes first in every stamped message, and its stam
 _STAMP_END = 12
 _SENTINEL = 1.0e-300 / 3.0  # a number that stands nowhere else in a template
 _stamp = struct.Struct("<iI")
+_DOUBLE = np.dtype("<f8")
 
 
 def make(type_name: str, **fields: Any) -> Any:
@@ -94,6 +95,19 @@ def blank(size: int) -> Array:
     return np.full(size, _SENTINEL)
 
 
+def stamp_at(data: bytes, offset: int = _STAMP_OFFSET) -> int:
+    """The builtin_interfaces/Time at ``offset`` as ns, by default that of the Header; struct.error beyond the end."""
+    seconds: int
+    nanoseconds: int
+    seconds, nanoseconds = _stamp.unpack_from(data, offset)
+    return seconds * NS + nanoseconds
+
+
+def floats_at(data: bytes, size: int, offset: int) -> Array:
+    """``size`` > 0 float64 numbers at ``offset`` as an array of their own; ValueError beyond the end."""
+    return np.frombuffer(data, _DOUBLE, size, offset).astype(np.float64)
+
+
 class Cursor:
     """Reads a little-endian CDR message from its start; struct.error or ValueError beyond its end."""
 
@@ -103,9 +117,9 @@ class Cursor:
 
     def stamp(self) -> int:
         """builtin_interfaces/Time as ns."""
-        seconds, nanoseconds = _stamp.unpack_from(self.data, self.offset)
+        stamp_ns = stamp_at(self.data, self.offset)
         self.offset += 8
-        return int(seconds) * NS + int(nanoseconds)
+        return stamp_ns
 
     def count(self) -> int:
         """A sequence's or string's length."""
@@ -129,6 +143,6 @@ class Cursor:
         if size == 0:
             return np.empty(0)
         self.offset += (4 - self.offset) % 8  # 8-byte alignment counts from behind the four bytes of encapsulation
-        values = np.frombuffer(self.data, "<f8", size, self.offset).astype(np.float64)
+        values = floats_at(self.data, size, self.offset)
         self.offset += 8 * size
         return values

@@ -9,15 +9,19 @@ import numpy as np
 
 from ik_node.errors import InputError
 from ik_node.inputs import JointSample, PoseSample
-from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, stamp_of
+from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, floats_at, stamp_at, stamp_of
 from ik_node.se3 import Array
 
 
 class _Head(NamedTuple):
-    """The part of a JointState that is the same in every message of a driver: frame and names."""
+    """What lies between stamp and positions in a JointState: the same in every message of a driver."""
 
     data: bytes
+    """Frame, names and the number of positions."""
     names: tuple[str, ...]
+    size: int
+    begin: int
+    """Of the positions."""
 
 
 COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
@@ -31,27 +35,28 @@ def decode_joint_state(data: bytes) -> JointSample:
     if data[:2] != LITTLE_ENDIAN:
         message = deserialize(data, "sensor_msgs/msg/JointState")
         return JointSample(stamp_of(message), tuple(message.name), np.array(message.position, dtype=np.float64))
+    known = _heads.get(len(data))
+    if known is not None and data.startswith(known.data, _HEAD_BEGIN):
+        return JointSample(stamp_at(data), known.names, floats_at(data, known.size, known.begin))
     try:
-        cursor = Cursor(data)
-        stamp_ns = cursor.stamp()
-        known = _heads.get(len(data))
-        if known is not None and data.startswith(known.data, _HEAD_BEGIN):
-            names = known.names
-            cursor.offset = _HEAD_BEGIN + len(known.data)
-        else:
-            names = _read_names(cursor)
-        return JointSample(stamp_ns, names, cursor.floats(cursor.count()))
+        return _read_joint_state(data)
     except (struct.error, ValueError) as error:
         raise InputError(f"bytes are no sensor_msgs/msg/JointState: {error}") from error
 
 
-def _read_names(cursor: Cursor) -> tuple[str, ...]:
+def _read_joint_state(data: bytes) -> JointSample:
+    cursor = Cursor(data)
+    stamp_ns = cursor.stamp()
     cursor.string()
     names = tuple(cursor.string() for _ in range(cursor.count()))
-    if len(_heads) >= _MAX_HEADS:
-        _heads.clear()
-    _heads[len(cursor.data)] = _Head(cursor.data[_HEAD_BEGIN : cursor.offset], names)
-    return names
+    size = cursor.count()
+    head = data[_HEAD_BEGIN : cursor.offset]
+    sample = JointSample(stamp_ns, names, cursor.floats(size))
+    if size:
+        if len(_heads) >= _MAX_HEADS:
+            _heads.clear()
+        _heads[len(data)] = _Head(head, names, size, cursor.offset - 8 * size)
+    return sample
 
 
 def decode_pose(data: bytes) -> PoseSample:

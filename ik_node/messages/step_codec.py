@@ -78,6 +78,9 @@ class CallKind(IntEnum):
     ON_TRANSFORM = 14
 
 
+_KINDS = {int(kind): kind for kind in CallKind}
+
+
 class Call(NamedTuple):
     """One call of the controller."""
 
@@ -276,12 +279,12 @@ def encode_call(call: Call) -> bytes:
 
 def decode_call(data: bytes) -> Call:
     """The call in a message of ``calls``; RecordingError when the kind is unknown."""
-    values = np.frombuffer(data, "<i8", offset=len(data) - _call.size) if len(data) > _call.size else np.empty(0, int)
-    try:
-        kind, sequence, monotonic_ns, ros_ns = values.tolist()
-        return Call(CallKind(kind), sequence, Instant(monotonic_ns, ros_ns))
-    except ValueError as error:
-        raise RecordingError(f"call record cannot be read: {error}") from error
+    if len(data) <= _call.size:
+        raise RecordingError(f"call record cannot be read: it has {len(data)} bytes")
+    kind, sequence, monotonic_ns, ros_ns = _call.unpack_from(data, len(data) - _call.size)
+    if kind not in _KINDS:
+        raise RecordingError(f"call record cannot be read: {kind} is no valid kind")
+    return Call(_KINDS[kind], sequence, Instant(monotonic_ns, ros_ns))
 
 
 def _time(parts: Array) -> int:

@@ -69,6 +69,7 @@ class Controller:
         self._tick = 0
         self._state: JointState | None = None
         self._period_s = 1.0 / settings.control.rate_hz
+        self._period_ns = round(self._period_s * NS)
         self._interval_s = self._period_s
         self._due_ns = 0
         self._last_tick_ns = 0
@@ -248,7 +249,7 @@ class Controller:
 
     def _is_due(self, time_ns: int) -> bool:
         """Keeps the mean tick rate at or below rate_hz, whatever the rate of the joint states."""
-        period_ns = round(self._period_s * NS)
+        period_ns = self._period_ns
         if time_ns < self._due_ns - period_ns // 4:
             return False
         self._due_ns = max(self._due_ns, time_ns - period_ns) + period_ns
@@ -278,7 +279,7 @@ class Controller:
             if now.monotonic_ns < self._retry_ns:
                 return False
             self._follow.forget()
-            self._law.begin(state.time_ns, now.monotonic_ns - round(self._period_s * NS))
+            self._law.begin(state.time_ns, now.monotonic_ns - self._period_ns)
             begin = self._targets.rest_at if self._keep_targets else self._targets.start
             begin(self.robot.pose(state.position), state.time_ns)
             self._keep_targets = False
@@ -332,11 +333,11 @@ class Controller:
         )
 
     def _say_what_happens(self, now: Instant, decision: Decision) -> None:
-        for condition, holds in self._law.conditions(decision):
-            self._status.flag(condition, holds, now)
-        self._status.flag("joint state stamps disagree with this clock; arrival counts", self._states.skew_ns != 0, now)
-        for remark in self._targets.remarks:
-            self._status.flag(remark, True, now)
+        conditions = self._law.conditions(decision)
+        if self._states.skew_ns != 0:
+            conditions.append("joint state stamps disagree with this clock; arrival counts")
+        conditions.extend(self._targets.remarks)
+        self._status.mention(conditions, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason))
 

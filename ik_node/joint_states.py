@@ -74,7 +74,9 @@ class JointStateMerger:
         if not len(position):
             return None
         if not all(map(isfinite, position.tolist())):
-            bad = [name for name, value in zip(np.array(self._joints)[ours], position, strict=True) if not isfinite(value)]
+            bad = [
+                name for name, value in zip(np.array(self._joints)[ours], position, strict=True) if not isfinite(value)
+            ]
             raise StateRefused(f"joint state is not finite for {', '.join(bad)}")
         stamped = place(sample.stamp_ns, now, self._max_age_ns)
         self.skew_ns = stamped.skew_ns

@@ -6,7 +6,6 @@ arm, and the optimum within the limits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -145,15 +144,24 @@ class Law:
         self.pace, self.gives_up = outcome.scale, bool(np.abs(outcome.lost_b).max() > 1e-6)
         return Decision(asked, outcome, elapsed_s)
 
-    def conditions(self, decision: Decision) -> Iterator[tuple[str, bool]]:
-        """What a person should know of a decision: condition, and whether it holds."""
+    def conditions(self, decision: Decision) -> list[str]:
+        """What a person should know of a decision."""
         outcome, control, solver = decision.outcome, self._control, self.solver
-        yield "near a singularity, part of the twist is given up", self.gives_up
-        yield "slowing down to pass a singularity", outcome.pace < 0.99
-        yield "slowed down by joint limits", outcome.scale < outcome.pace
-        yield "a joint limit had to give way", bool(outcome.conceded)
-        yield "a command stood for longer than hold_periods", decision.elapsed_s > solver.limits.dt_max_s
-        yield "inverse kinematics finds no solution near the last one", not self._ik.converged
-        yield solver.without_effect, bool(solver.without_effect)
-        prompt = control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS
-        yield "ik_difference_gain is stable only for an arm that answers without lag", prompt
+        found = []
+        if self.gives_up:
+            found.append("near a singularity, part of the twist is given up")
+        if outcome.pace < 0.99:
+            found.append("slowing down to pass a singularity")
+        if outcome.scale < outcome.pace:
+            found.append("slowed down by joint limits")
+        if outcome.conceded:
+            found.append("a joint limit had to give way")
+        if decision.elapsed_s > solver.limits.dt_max_s:
+            found.append("a command stood for longer than hold_periods")
+        if not self._ik.converged:
+            found.append("inverse kinematics finds no solution near the last one")
+        if solver.without_effect:
+            found.append(solver.without_effect)
+        if control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS:
+            found.append("ik_difference_gain is stable only for an arm that answers without lag")
+        return found

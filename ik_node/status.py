@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ik_node.clock import NS, Instant
@@ -10,7 +10,7 @@ from ik_node.step import Level, Mode, Status
 
 RELEASE_S = 0.25
 """A condition is still mentioned this long after it last held, so that one that flickers does not flood the topic."""
-
+_RELEASE_NS = round(RELEASE_S * NS)
 
 CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
 """Modes in which a control law is at work."""
@@ -42,9 +42,18 @@ class StatusKeeper:
     def flag(self, condition: str, holds: bool, now: Instant) -> None:
         """Says whether ``condition`` holds now; it is dropped ``RELEASE_S`` after it last held."""
         if holds:
-            self._until[condition] = now.monotonic_ns + round(RELEASE_S * NS)
-        if not self._until:
-            return
+            self.mention((condition,), now)
+        elif self._until:
+            self._drop(now)
+
+    def mention(self, conditions: Iterable[str], now: Instant) -> None:
+        """Takes the conditions that hold now, and drops those that were over ``RELEASE_S`` ago."""
+        if self._until:
+            self._drop(now)
+        for condition in conditions:
+            self._until[condition] = now.monotonic_ns + _RELEASE_NS
+
+    def _drop(self, now: Instant) -> None:
         for over in [name for name, until_ns in self._until.items() if now.monotonic_ns >= until_ns]:
             del self._until[over]
 

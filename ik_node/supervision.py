@@ -14,6 +14,8 @@ from ik_node.step import Level, Mode, Status
 
 MOVING = (*CLOSED_LOOP, Mode.RAMPING)
 """Modes in which a velocity may be standing at the robot."""
+HELD_BACK = (Mode.PAUSED, Mode.FAULT)
+"""Modes that only a request ends."""
 
 
 class SupervisionMemory(NamedTuple):
@@ -53,7 +55,7 @@ class Supervision:
     @property
     def held_back(self) -> bool:
         """Only a request leads on from here: :meth:`resume` or :meth:`reset`."""
-        return self.rest.mode in (Mode.PAUSED, Mode.FAULT)
+        return self.rest.mode in HELD_BACK
 
     def ramp_down(self, velocity: Array, acceleration: Array, now: Instant, rest: Status) -> None:
         """Begins a ramp from ``velocity`` (n,) that ends in ``rest``; goes there at once where nothing moves."""

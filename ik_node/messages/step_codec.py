@@ -37,6 +37,7 @@ _HEAD = ("tick", "now_monotonic", "now_ros", "state_time", "texts")
 _HEAD_SIZES = (1, 2, 2, 2, 1)
 _head = struct.Struct("<8d")
 _number = struct.Struct("<d")
+_numbers = struct.Struct("<4d")
 _call = struct.Struct("<4q")
 POSES = ("pose_sb", "pose_sd")
 """Slices that are 4 by 4 matrices."""
@@ -104,8 +105,8 @@ class StepEncoder:
     def __init__(self, name: str, n: int) -> None:
         """``name`` of the node, for people; ``n`` joints."""
         self._name = name
-        self._template = _step_template(n)
-        self._size = 8 * _array_size(n)
+        self._prefix, size = _step_prefix(n)
+        self._length = len(self._prefix) + size
         self._number = -1
         self._last: Words | None = None
         encode_texts(
@@ -128,8 +129,13 @@ class StepEncoder:
 
     def numbers(self, step: Step, text_number: int) -> bytes:
         """The message of ``step`` for the channel ``step``; its texts have this number."""
-        arrays = b"".join(
+        now_s, now_ns = divmod(step.now.monotonic_ns, NS)
+        ros_s, ros_ns = divmod(step.now.ros_ns, NS)
+        state_s, state_ns = divmod(step.state_time_ns, NS)
+        data = b"".join(
             (
+                self._prefix,
+                _head.pack(step.tick, now_s, now_ns, ros_s, ros_ns, state_s, state_ns, text_number),
                 step.joint_position.tobytes(),
                 step.joint_velocity.tobytes(),
                 step.pose_sb.tobytes(),
@@ -142,20 +148,12 @@ class StepEncoder:
                 step.multiplier_potential.tobytes(),
                 step.singular_values.tobytes(),
                 step.closest_points.tobytes(),
-                struct.pack("<4d", step.scale, step.progress, step.path_distance, step.clearance),
+                _numbers.pack(step.scale, step.progress, step.path_distance, step.clearance),
             )
         )
-        if len(arrays) != self._size:
-            raise RecordingError(f"Step holds {len(arrays)} bytes of numbers, expected {self._size}")
-        now = step.now
-        head = _head.pack(
-            step.tick,
-            *divmod(now.monotonic_ns, NS),
-            *divmod(now.ros_ns, NS),
-            *divmod(step.state_time_ns, NS),
-            text_number,
-        )
-        return self._template.fill(0, head + arrays)
+        if len(data) != self._length:
+            raise RecordingError(f"Step message of {len(data)} bytes, expected {self._length}: other joints?")
+        return data
 
 
 class Words(NamedTuple):
@@ -194,16 +192,14 @@ class StepDecoder:
 
     def texts_of(self, data: bytes) -> Texts:
         """The text record of a message of ``step``; RecordingError when the bytes are none, or it was not taken."""
-        self._understand(data)
-        number = int(_number.unpack_from(data, self._texts_offset)[0])
-        if number not in self._texts:
-            raise RecordingError(f"text record {number} of a Step is missing")
-        return self._texts[number]
-
-    def _understand(self, data: bytes) -> None:
         if not self._prefix or not data.startswith(self._prefix):
             self._prefix, self._slices = read_layout(data)
             self._texts_offset = len(self._prefix) + 8 * self._slices["texts"].start
+        number = int(_number.unpack_from(data, self._texts_offset)[0])
+        texts = self._texts.get(number)
+        if texts is None:
+            raise RecordingError(f"text record {number} of a Step is missing")
+        return texts
 
     def step(self, data: bytes) -> Step:
         """The Step of a message of ``step``.
@@ -297,20 +293,18 @@ def _sizes(n: int) -> dict[str, int]:
     return {name: joint.get(name, other.get(name, 6)) for name in ARRAYS}
 
 
-def _array_size(n: int) -> int:
-    return sum(_sizes(n).values()) + len(NUMBERS)
-
-
 def _dimension(label: str, size: int) -> object:
     return make("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=size)
 
 
-def _step_template(n: int) -> Template:
+def _step_prefix(n: int) -> tuple[bytes, int]:
+    """The bytes before the numbers of a ``step`` message, which are the same in all, and how many follow."""
     sizes = dict(zip(_HEAD, _HEAD_SIZES, strict=True)) | _sizes(n) | dict.fromkeys(NUMBERS, 1)
     dimensions = [_dimension(label, size) for label, size in sizes.items()]
     total = sum(sizes.values())
     layout = make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0)
-    return Template(make(STEP_TYPE, layout=layout, data=blank(total)), (total,), stamped=False)
+    message = serialize(make(STEP_TYPE, layout=layout, data=np.zeros(total)))
+    return message[: -8 * total], 8 * total
 
 
 def _call_template() -> Template:

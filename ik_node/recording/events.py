@@ -31,7 +31,6 @@ from ik_node.recording.session import (
 from ik_node.robot import Robot
 from ik_node.settings import Settings
 
-
 _SOURCES: Mapping[CallKind, str] = {
     **{kind: entry.name for kind, entry in INPUTS.items()},
     **dict.fromkeys(TEXT_CALLS, CALL_TEXTS),

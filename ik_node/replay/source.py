@@ -40,16 +40,16 @@ def make(
     controller: Controller, source: Source, event: Event, changes: Mapping[str, Value] | None = None
 ) -> Step | None:
     """Makes a call as it is recorded; ``changes`` stay in force when it changes parameters."""
-    call, data = event.call, event.data
+    (kind, _, now), data = event.call, event.data
     try:
-        if call.kind in INPUTS:
-            entry = INPUTS[call.kind]
-            return entry.make(controller, entry.decode(data), call.now)
-        if call.kind in TEXT_CALLS:
-            return TEXT_CALLS[call.kind](controller, decode_string(data), call.now)
-        if call.kind in SETTINGS_CALLS:
+        entry = INPUTS.get(kind)
+        if entry is not None:
+            return entry.make(controller, entry.decode(data), now)
+        if kind in TEXT_CALLS:
+            return TEXT_CALLS[kind](controller, decode_string(data), now)
+        if kind in SETTINGS_CALLS:
             settings = source.settings(event).with_values(changes or {})
-            return SETTINGS_CALLS[call.kind](controller, settings, call.now)
-        return BARE_CALLS[call.kind](controller, call.now)
+            return SETTINGS_CALLS[kind](controller, settings, now)
+        return BARE_CALLS[kind](controller, now)
     except IkNodeError:  # refused, as it was then
         return None

@@ -204,6 +204,13 @@ class Robot:
             mass = 0.5 * (mass + mass.T)
         return Dynamics(mass, self.per_joint(self._columns(gravity)))
 
+    def kinetic_energy(self, q: Array, qd: Array) -> float:
+        """1/2 qd' M(q) qd at q (n,) and qd (n,), J."""
+        motion = self.motion(qd)
+        if not self._in_model_order:
+            motion = motion[np.argsort(self._velocity_index)]
+        return float(pin.computeKineticEnergy(self.model, self.data, self._configuration(q), motion))
+
     @property
     def pose_base_root(self) -> Array:
         """The root of the model seen from the base frame, (4, 4); constant."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ik_node.clock import NS
+from ik_node.compiled import compiled
 from ik_node.errors import InputError
 from ik_node.robot import JointLimits
 from ik_node.se3 import Array
@@ -36,22 +37,21 @@ class SimulatedArm:
     def __init__(self, position: Array, limits: JointLimits, time_ns: int, model: ArmModel | None = None) -> None:
         """Starts at rest at ``position`` (n,), rad (m)."""
         self.model = model or ArmModel()
-        self._position = position.copy()
-        self._limits = limits
-        self._velocity = np.zeros(len(position))
-        self._command = np.zeros(len(position))
+        rest = np.zeros(len(position))
+        self._joints = np.array([position, rest, rest, limits.lower, limits.upper], dtype=np.float64)
+        """Per joint (5, n): position, velocity, the command that it knows, and its limits."""
+        self._fastest = limits.velocity
+        self._slowest = -limits.velocity
         self._waiting: deque[tuple[int, Array]] = deque()
         self._time_ns = time_ns
+        self._delay_ns = round(self.model.delay_s * NS)
         self._generator = np.random.default_rng(self.model.seed)
+        self._move(time_ns)  # compiles
 
     def advance(self, time_ns: int) -> tuple[Array, Array]:
         """True joint positions and velocities, (n,) each, at a monotonic time that never goes back."""
-        while self._waiting and self._waiting[0][0] <= time_ns:
-            from_ns, command = self._waiting.popleft()
-            self._move(from_ns)
-            self._command = command
-        self._move(time_ns)
-        return self._position.copy(), self._velocity.copy()
+        self._go_on(time_ns)
+        return self._joints[0].copy(), self._joints[1].copy()
 
     def measure(self, time_ns: int) -> Array | None:
         """Measured joint positions (n,), with the model's noise; None where the measurement got lost."""
@@ -67,23 +67,38 @@ class SimulatedArm:
 
         As forward_command_controller does: a command of the wrong size or with a value that is not finite is dropped.
         """
-        if velocity.shape != self._velocity.shape:
-            raise InputError(f"command has {velocity.size} values, expected {self._velocity.size}")
-        if not np.isfinite(velocity).all():
+        if velocity.shape != self._fastest.shape:
+            raise InputError(f"command has {velocity.size} values, expected {self._fastest.size}")
+        if not all(map(math.isfinite, velocity.tolist())):
             raise InputError(f"command is not finite: {velocity}")
-        limited = np.clip(velocity, -self._limits.velocity, self._limits.velocity)
-        self._waiting.append((time_ns + round(self.model.delay_s * NS), limited))
-        self.advance(time_ns)
+        limited = np.minimum(np.maximum(velocity, self._slowest), self._fastest)
+        self._waiting.append((time_ns + self._delay_ns, limited))
+        self._go_on(time_ns)
+
+    def _go_on(self, time_ns: int) -> None:
+        while self._waiting and self._waiting[0][0] <= time_ns:
+            from_ns, command = self._waiting.popleft()
+            self._move(from_ns)
+            self._joints[2] = command
+        self._move(time_ns)
 
     def _move(self, time_ns: int) -> None:
         elapsed_s = max(time_ns - self._time_ns, 0) / NS
         self._time_ns = max(time_ns, self._time_ns)
-        if self.model.lag_s > 0.0:
-            left = math.exp(-elapsed_s / self.model.lag_s)
-            behind = self._velocity - self._command
-            self._position += elapsed_s * self._command + self.model.lag_s * (1.0 - left) * behind
-            self._velocity = self._command + left * behind
-        else:
-            self._position += elapsed_s * self._command
-            self._velocity = self._command
-        np.clip(self._position, self._limits.lower, self._limits.upper, out=self._position)
+        _move(self._joints, elapsed_s, float(self.model.lag_s))
+
+
+@compiled
+def _move(joints: Array, elapsed_s: float, lag_s: float) -> None:
+    """Moves :attr:`SimulatedArm._joints` on."""
+    left = math.exp(-elapsed_s / lag_s) if lag_s > 0.0 else 0.0
+    for joint in range(joints.shape[1]):
+        position, command = joints[0, joint], joints[2, joint]
+        behind = joints[1, joint] - command if lag_s > 0.0 else 0.0
+        position += elapsed_s * command + lag_s * (1.0 - left) * behind
+        if position < joints[3, joint]:
+            position = joints[3, joint]
+        elif position > joints[4, joint]:
+            position = joints[4, joint]
+        joints[0, joint] = position
+        joints[1, joint] = command + left * behind

@@ -116,6 +116,8 @@ def test_mass_and_gravity_are_those_of_the_constraint() -> None:
             energy += mass * columns[:3].T @ columns[:3] + columns[3:].T @ inertia @ columns[3:]
             height += 9.81 * mass * np.array([(up[2, 3] - down[2, 3]) / 2e-5 for up, down in poses])
         assert np.abs(found.mass_matrix - energy).max() < 1e-7
+        qd = np.array([1.0, -0.5, 0.3])
+        assert robot.kinetic_energy(q, qd) == pytest.approx(0.5 * qd @ energy @ qd, rel=1e-6)
         assert np.abs(found.gravity - height).max() < 1e-7
 
 

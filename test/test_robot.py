@@ -45,6 +45,8 @@ def test_mass_matrix_and_gravity_belong_to_one_energy(name: str) -> None:
         mass = robot.dynamics(q).mass_matrix
         assert np.array_equal(mass, mass.T)
         assert np.linalg.eigvalsh(mass).min() > 0.0
+        qd = np.linspace(-1.0, 1.0, robot.n)
+        assert robot.kinetic_energy(q, qd) == pytest.approx(0.5 * qd @ mass @ qd, rel=1e-12)
         shifts = step * np.eye(robot.n)
         hessian = np.array([robot.dynamics(q + d).gravity - robot.dynamics(q - d).gravity for d in shifts]) / (2 * step)
         assert np.abs(hessian - hessian.T).max() < 1e-6
@@ -58,6 +60,8 @@ def test_joints_may_come_in_any_order_and_be_a_part() -> None:
     assert np.allclose(mixed.pose(q[order]), usual.pose(q), atol=1e-14)
     assert np.allclose(mixed.evaluate(q[order]).jacobian_b, usual.evaluate(q).jacobian_b[:, order], atol=1e-14)
     assert np.allclose(mixed.dynamics(q[order]).mass_matrix, usual.dynamics(q).mass_matrix[np.ix_(order, order)])
+    qd = np.linspace(-1.0, 1.0, usual.n)
+    assert mixed.kinetic_energy(q[order], qd[order]) == pytest.approx(usual.kinetic_energy(q, qd), rel=1e-12)
     part = catalogue.robot_from(ArmSettings(robot="ur5", joints=("shoulder_pan_joint", "elbow_joint")))
     assert part.n == 2
     assert part.evaluate(np.zeros(2)).jacobian_b.shape == (6, 2)

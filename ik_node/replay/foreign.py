@@ -27,6 +27,7 @@ from ik_node.recording.calls import INPUTS, JOINT_STATES
 from ik_node.recording.events import Event
 from ik_node.recording.run import Targets
 from ik_node.recording.session import STEP
+from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
 
@@ -60,17 +61,21 @@ class ForeignBag:
         self._start = start
         self.used = self._inspect()
         """Topic of the bag -> what it is taken for, and how many messages it has."""
-        self._robot = robot_from(settings.arm, self._description())
+        self._urdf = self._description()
+        self._robot = robot_from(settings.arm, self._urdf)
         self.begins_with = self._at_its_rate(settings)
         has_states = any(name == JOINT_STATES for name, _ in self.used.values())
         if not has_states and len(start) != self._robot.n:
             joints = ", ".join(self._robot.joints)
             raise RecordingError(f"'{path}' holds no joint states; say where the arm starts: positions of {joints}")
 
+    def robot(self) -> Robot:
+        """The robot of the settings, or of the bag; a new one at every call."""
+        return robot_from(self.begins_with.arm, self._urdf)
+
     def controller(self, settings: Settings | None = None) -> Controller:
         """A controller that has not been called yet."""
-        robot = robot_from(self.begins_with.arm, self._description())
-        return Controller(robot, settings or self.begins_with)
+        return Controller(self.robot(), settings or self.begins_with)
 
     def settings(self, event: Event) -> Settings:
         """No bag of others changes parameters."""

@@ -7,6 +7,7 @@ times and names, and say where a simulated arm is that starts at the first recor
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -107,17 +108,25 @@ class _Arm:
         lower, upper = np.minimum(robot.limits.lower, position), np.maximum(robot.limits.upper, position)
         self._arm = SimulatedArm(position, JointLimits(lower, upper, robot.limits.velocity), time_ns)
         self._arm.command(controller.state().law.command.velocity, time_ns)
-        self._index = {name: index for index, name in enumerate(robot.joints)}
+        self._joints = robot.joints
+        self._places: dict[tuple[str, ...], list[tuple[int, int]]] = {}
         self._max_age_ns = round(max_age_s * NS)
 
     def measured(self, recorded: JointSample, now: Instant) -> JointSample:
         """The recorded joint state with the simulated positions; values that were not finite stay so."""
         measured, _ = self._arm.advance(place(recorded.stamp_ns, now, self._max_age_ns).time_ns)
-        position = recorded.position.copy()
-        for index, name in enumerate(recorded.names[: len(position)]):
-            if name in self._index and np.isfinite(position[index]):
-                position[index] = measured[self._index[name]]
-        return recorded._replace(position=position)
+        values, position = measured.tolist(), recorded.position.tolist()
+        for theirs, ours in self._match(recorded.names[: len(position)]):
+            if isfinite(position[theirs]):
+                position[theirs] = values[ours]
+        return JointSample(recorded.stamp_ns, recorded.names, np.array(position, dtype=np.float64))
+
+    def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
+        """Places in a message, and which of our joints each is of."""
+        if names not in self._places:
+            index = {name: number for number, name in enumerate(self._joints)}
+            self._places[names] = [(theirs, index[name]) for theirs, name in enumerate(names) if name in index]
+        return self._places[names]
 
     def follow(self, step: Step) -> None:
         """Takes the command of a step, when the step is made."""

@@ -10,6 +10,7 @@ from ik_node.errors import IkNodeError
 from ik_node.messages.decode import decode_string
 from ik_node.recording.calls import BARE_CALLS, INPUTS, SETTINGS_CALLS, TEXT_CALLS
 from ik_node.recording.events import Checkpoint, Event
+from ik_node.robot import Robot
 from ik_node.settings import Settings, Value
 from ik_node.step import Step
 
@@ -20,6 +21,9 @@ class Source(Protocol):
     @property
     def begins_with(self) -> Settings:
         """Settings at the start."""
+
+    def robot(self) -> Robot:
+        """The robot of the run, a new one at every call."""
 
     def controller(self, settings: Settings | None = None) -> Controller:
         """A new controller where the run begins, with the settings of the start or others."""

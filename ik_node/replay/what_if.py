@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from math import isfinite
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
@@ -152,7 +153,7 @@ def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | Non
     if not steps:
         raise InputError(f"the run '{variant.name}' has no tick")
     settings = source.begins_with.with_values(variant.changes)
-    robot = source.controller(settings).robot
+    robot = source.robot()
     velocity = np.array([step.joint_velocity for step in steps])
     energy = _energies(robot, steps)
     scale = _finite([step.scale for step in steps])
@@ -195,12 +196,8 @@ def compare_open_loop(opened: Callable[[], RecordedCalls], wanted: Sequence[Vari
 
 def _energies(robot: Robot, steps: Sequence[Step]) -> Array:
     """Of the ticks that have a measured position."""
-    values = []
-    for step in steps:
-        if np.isfinite(step.joint_position[0]):
-            mass = robot.dynamics(step.joint_position).mass_matrix
-            values.append(0.5 * float(step.joint_velocity @ mass @ step.joint_velocity))
-    return np.array(values)
+    moments = ((step.joint_position, step.joint_velocity) for step in steps)
+    return np.array([robot.kinetic_energy(q, qd) for q, qd in moments if isfinite(q[0])])
 
 
 def _errors(steps: Sequence[Step], truth: Truth | None) -> tuple[Array, Array]:

@@ -238,7 +238,7 @@ def test_other_settings_than_the_recorded_ones_part(tmp_path: Path, monkeypatch:
 
 def test_it_says_where_messages_were_lost_and_goes_on_at_the_next_state(tmp_path: Path) -> None:
     """A queue that overflows: calls before the loss and after the next recorded state are compared."""
-    options = RecorderOptions(queue_mb=0.1, flush_period_s=0.2)
+    options = RecorderOptions(queue_mb=0.2, flush_period_s=0.2)
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0}, options=options)
     for _ in range(3):
         follow(loop, 0.6)

@@ -63,6 +63,30 @@ def test_adjoint_carries_a_twist_between_frames() -> None:
         assert np.abs(se3.log(moved) - se3.adjoint(pose) @ twist).max() < 1e-13
 
 
+def test_what_is_no_number_stays_none() -> None:
+    """One NaN in a pose or twist is never lost on the way."""
+    for row in range(3):
+        for column in range(4):
+            pose = se3.exp(random_twist(1.0))
+            pose[row, column] = np.nan
+            for result in (se3.log(pose), se3.inverse(pose), se3.adjoint(pose)):
+                assert np.isnan(result).any()
+    for entry in range(6):
+        twist = random_twist(1.0)
+        twist[entry] = np.nan
+        assert np.isnan(se3.exp(twist)).any()
+
+
+def test_poses_are_read_however_they_lie_in_memory_and_in_no_other_shape() -> None:
+    pose = se3.exp(random_twist(1.0))
+    for same in (np.asfortranarray(pose), np.repeat(pose, 2, axis=1)[:, ::2], pose.tolist()):
+        assert np.array_equal(se3.log(same), se3.log(pose))
+        assert np.array_equal(se3.adjoint(same), se3.adjoint(pose))
+    for function in (se3.log, se3.inverse, se3.adjoint, se3.exp, se3.exp_rotation, se3.log_rotation):
+        with pytest.raises(InputError, match="shape"):
+            function(np.zeros((2, 2)))
+
+
 def test_quaternions_give_exact_rotations() -> None:
     for x, y, z, w in ((1, 2, 3, 4), (-2, 1, 0, 5), (3, -1, -2, 1), (1, 0, 0, 0)):
         n = Fraction(x * x + y * y + z * z + w * w)

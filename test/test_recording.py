@@ -22,6 +22,7 @@ import yaml
 from made_steps import ROS_START_NS, STOPPED, TRACKING, made_step, panda, same_bits, steps
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from support import PROJECT
@@ -432,6 +433,26 @@ def test_a_damaged_file_is_refused_and_a_cut_off_one_ends_there(tmp_path: Path) 
         read_back(tmp_path / "bag")
     file.write_bytes(bytes(data[:-9]))
     assert read_back(file) == []
+
+
+def test_a_message_longer_than_its_chunk_is_refused(tmp_path: Path) -> None:
+    """Another's file without checksums: nothing but a length is wrong. What stands before it is read."""
+    file = tmp_path / "other_0.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start()
+        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b""))
+        for number in range(9):
+            writer.add_message(channel, number, b"text %d" % number, number)
+        writer.finish()  # type: ignore[no-untyped-call]
+    data = bytearray(file.read_bytes())
+    length_at = data.index(b"text 7") - 22 - 8
+    data[length_at + 2] = 1  # 65536 bytes more
+    file.write_bytes(bytes(data))
+    with pytest.raises(RecordingError, match=r"is damaged .* runs past the end"):
+        read_back(file)
+    file.write_bytes(bytes(data[:-9]))
+    assert [message for _, message, _ in read_back(file)] == [b"text %d" % number for number in range(7)]
 
 
 @pytest.mark.parametrize(

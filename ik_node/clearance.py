@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from ik_node.collision import Geometry, Link, add
 from ik_node.pairs import (
+    NONE_NEAR,
     Near,
     closest_pair,
     fastest_approach,
@@ -180,11 +181,14 @@ class Clearance:
 
         The links' speeds at ``qd``, each a ball that moves and turns, plus ``reach`` times the change.
         """
-        jacobian = self._place(q)
-        return fastest_approach(
+        return fastest_approach(*self.motions(q, qd, change))
+
+    def motions(self, q: Array, qd: Array, change: Array) -> tuple[Any, ...]:
+        """What :func:`ik_node.pairs.fastest_approach` takes, for other compiled functions to hand on."""
+        return (
             self.geometry.robot.motion(qd),
             change,
-            jacobian,
+            self._place(q),
             self._link_moves,
             self._ball_centres,
             self._radii,
@@ -223,6 +227,8 @@ class Clearance:
         pair = lower_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
         while pair >= 0:
             pair = self._measure(pair, within, closest)
+        if pair == NONE_NEAR:
+            return 0
         return list_near(
             within,
             jacobian,
@@ -255,7 +261,7 @@ class Clearance:
         return self._jacobian
 
     def _measure(self, pair: int, within: Array, closest: bool) -> int:
-        """Measures a pair; the next one to measure, -1 where that was the last."""
+        """Measures a pair; the next one to measure, see :func:`ik_node.pairs.next_pair`."""
         # Pinocchio starts from the last answer, which shows in the last digits (1e-6 m was seen): forget it.
         request = self._requests[pair]
         request.cached_gjk_guess, request.cached_support_func_guess = _FIRST_GUESS, _FIRST_CORNERS

@@ -17,6 +17,9 @@ from ik_node.se3 import Array
 from ik_node.settings import ControlSettings
 from ik_node.trajectory.rotations import cut, length
 
+NOTHING = np.zeros(6)
+"""Shared: z is never written into, but replaced."""
+
 
 class IntegralMemory(NamedTuple):
     """What :class:`IntegralAction` remembers."""
@@ -28,12 +31,19 @@ class IntegralAction:
     """z and what it asks for."""
 
     def __init__(self) -> None:
-        self.value: Array = np.zeros(6)
+        self.value: Array = NOTHING
         """z (6,): m s and rad s, in {b}."""
 
     def reset(self) -> None:
         """Nothing has been left over."""
-        self.value = np.zeros(6)
+        self.value = NOTHING
+
+    def idle(self, control: ControlSettings) -> bool:
+        """True where nothing is asked for; what has been left over is then forgotten."""
+        if control.gain_integral_linear != 0.0 or control.gain_integral_angular != 0.0:
+            return False
+        self.value = NOTHING
+        return True
 
     def twist(self, error_b: Array, elapsed_s: float, frozen: bool, control: ControlSettings) -> Array:
         """K_i z (6,) in {b}, after ``elapsed_s`` with the error ``error_b`` (6,).

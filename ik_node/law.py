@@ -16,7 +16,7 @@ from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState
 from ik_node.late_arm import LateArm, LateArmMemory
 from ik_node.memory import recall, remembered
-from ik_node.outcome import Moment, Outcome
+from ik_node.outcome import NOTHING_LOST, Moment, Outcome
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
@@ -136,12 +136,14 @@ class Law:
             outcome = self.solver.follow_velocity(moment, wanted)
         else:
             self._ik.solution = None
-            frozen = self.pace < 1.0 or self.gives_up
-            twist_b = asked.twist_b + self._integral.twist(asked.error_b, elapsed_s, frozen, control)
-            asked = asked._replace(twist_b=twist_b)
-            outcome = self.solver.follow_twist(moment, twist_b)
+            if not self._integral.idle(control):
+                frozen = self.pace < 1.0 or self.gives_up
+                more = self._integral.twist(asked.error_b, elapsed_s, frozen, control)
+                asked = asked._replace(twist_b=asked.twist_b + more)
+            outcome = self.solver.follow_twist(moment, asked.twist_b)
         self.command(outcome.joint_velocity, now.monotonic_ns)
-        self.pace, self.gives_up = outcome.scale, bool(np.abs(outcome.lost_b).max() > 1e-6)
+        self.pace = outcome.scale
+        self.gives_up = outcome.lost_b is not NOTHING_LOST and bool(np.abs(outcome.lost_b).max() > 1e-6)
         return Decision(asked, outcome, elapsed_s)
 
     def conditions(self, decision: Decision) -> list[str]:

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ik_node.clearance import Closest
 from ik_node.se3 import Array
+
+NOTHING_LOST = np.zeros(6)
+"""V - V_f where nothing is given up; shared, not to be written into."""
 
 
 class Moment(NamedTuple):

@@ -27,6 +27,9 @@ Flags = NDArray[np.bool_]
 FARTHEST = 1e6
 """Distances beyond this, m, are no distances."""
 
+NONE_LEFT, NONE_NEAR = -1, -2
+"""Instead of a pair that must be measured."""
+
 UNIT = 1e-3
 """Normals whose square is further from 1 are no directions."""
 
@@ -149,17 +152,21 @@ def lower_bounds(motion: Array, reach: Array, bound: Array, fresh: Flags, within
 
 @compiled
 def next_pair(bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
-    """A pair that must be measured, -1 where there is none left: nearer than ``within`` (pairs,) as far as is known,
-    then, if the ``closest`` is wanted, what still might be nearer than the nearest found so far."""
+    """A pair that must be measured, nearer than ``within`` (pairs,) as far as is known, then, if the ``closest`` is
+    wanted, what still might be nearer than the nearest found so far. Where none is left: :data:`NONE_LEFT`, or
+    :data:`NONE_NEAR` if none that was measured is nearer than ``within``."""
+    left = NONE_NEAR
     for pair in range(len(bound)):
         # A NaN counts as near.
-        if not (fresh[pair] or bound[pair] >= within[pair]):
-            return pair
+        if not bound[pair] >= within[pair]:
+            if not fresh[pair]:
+                return pair
+            left = NONE_LEFT
     if closest:
         nearest = int(np.argmin(bound))
         if not fresh[nearest]:
             return nearest
-    return -1
+    return left
 
 
 @compiled

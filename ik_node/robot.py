@@ -7,7 +7,7 @@ joint as cosine and sine. Mimic joints move with their masters (:mod:`ik_node.mi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -114,7 +114,8 @@ class Robot:
                 f"base frame '{self.base_frame}' is moved by the controlled joints {', '.join(self.joints)}"
             )
         pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
-        self._pose_base_root = self.data.oMf[self._base_id].inverse().homogeneous
+        self._pose_base_root = np.ascontiguousarray(self.data.oMf[self._base_id].inverse().homogeneous)
+        self._base_is_root = bool((self._pose_base_root == np.eye(4)).all())
         self.limits = self._read_limits()
 
     @property
@@ -179,9 +180,12 @@ class Robot:
     def pose(self, q: Array) -> Array:
         """T_sb(q), (4, 4)."""
         pin.forwardKinematics(self.model, self.data, self._configuration(q))
-        placement = pin.updateFramePlacement(self.model, self.data, self._tip_id)
-        result: Array = self._pose_base_root @ placement.homogeneous
-        return result
+        return self._from_base(pin.updateFramePlacement(self.model, self.data, self._tip_id))
+
+    def _from_base(self, placement: Any) -> Array:
+        """(4, 4), C-contiguous, of a placement seen from the root."""
+        matrix = placement.homogeneous
+        return np.ascontiguousarray(matrix) if self._base_is_root else np.asarray(self._pose_base_root @ matrix)
 
     def evaluate(self, q: Array) -> Kinematics:
         """Pose and body Jacobian at q (n,) [rad, m]."""
@@ -190,7 +194,7 @@ class Robot:
         # Pinocchio drops the second dimension for an arm of one joint.
         jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, pin.LOCAL).reshape(6, -1)
         rows = np.ascontiguousarray(self.per_joint(self._columns(jacobian)))
-        return Kinematics(self._pose_base_root @ placement.homogeneous, rows)
+        return Kinematics(self._from_base(placement), rows)
 
     def dynamics(self, q: Array) -> Dynamics:
         """Mass matrix and gravity gradient at q (n,)."""
@@ -245,9 +249,7 @@ class Robot:
         """T_sf(q), (4, 4) of any frame of the model; UnknownNameError with the list of frames."""
         number = frame_id(self.model, frame)
         pin.forwardKinematics(self.model, self.data, self._configuration(q))
-        placement = pin.updateFramePlacement(self.model, self.data, number)
-        result: Array = self._pose_base_root @ placement.homogeneous
-        return result
+        return self._from_base(pin.updateFramePlacement(self.model, self.data, number))
 
     def moves_with_tool(self, frame: str) -> bool:
         """Whether ``frame`` stands still in the tool frame; UnknownNameError with the list of frames."""

@@ -252,6 +252,8 @@ class Targets:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a person should know besides."""
+        if self._source is Source.POSE and not self._remark and len(self._changes_ns) < TURNS:
+            return ()
         found = []
         changes = self._changes_ns
         if len(changes) == TURNS and self._time_ns - changes[0] < TURNS_WITHIN_S * NS:

@@ -10,7 +10,7 @@ from ik_node import bounded, se3
 from ik_node.errors import InputError
 from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, motion_limits
 from ik_node.methods import METHODS
-from ik_node.outcome import Moment, Outcome
+from ik_node.outcome import NOTHING_LOST, Moment, Outcome
 from ik_node.potentials import dexterity
 from ik_node.resolution import IDENTITY, NO_GRADIENT, Resolution, resolve
 from ik_node.robot import Robot
@@ -23,7 +23,7 @@ from ik_node.usual_tick import LOWER, UPPER, Usual, usual_tick
 
 NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
-NOTHING, NOTHING_LOST = np.zeros(0), np.zeros(6)
+NOTHING = np.zeros(0)
 
 ESCAPE_N = 100.0
 """Push along the null space out of a singularity in which a part of the twist is given up."""

@@ -34,7 +34,7 @@ from ik_node.clearance import Clearance, Closest, Near
 from ik_node.clock import NS
 from ik_node.compiled import compiled
 from ik_node.limits import viable_speed_at
-from ik_node.pairs import Indices
+from ik_node.pairs import Indices, fastest_approach
 from ik_node.scene import Scene
 from ik_node.se3 import Array
 from ik_node.settings import ObstacleSettings
@@ -151,7 +151,16 @@ def _dampers(
 
 @compiled
 def _within(
-    speeds: Array,
+    motion: Array,
+    change: Array,
+    jacobian: Array,
+    moves: Array,
+    centres: Array,
+    radii: Array,
+    obstacle_speeds: Array,
+    firsts: Indices,
+    seconds: Indices,
+    reach: Array,
     own: Array,
     self_range: float,
     obstacle_range: float,
@@ -163,8 +172,9 @@ def _within(
 ) -> Array:
     """(pairs,): the distances within which pairs count for the potential (ranges, 0 without) or for the dampers, m.
 
-    ``speeds`` (pairs,): how fast distances can shrink at most, m/s.
+    ``motion`` to ``reach``: of :func:`ik_node.pairs.fastest_approach`.
     """
+    speeds = fastest_approach(motion, change, jacobian, moves, centres, radii, obstacle_speeds, firsts, seconds, reach)
     within = np.empty(len(speeds))
     for pair in range(len(speeds)):
         speed, is_own = speeds[pair], own[pair] > 0.0
@@ -195,7 +205,7 @@ def look_around(
     ranges = (settings.self_range, settings.range) if repel else (0.0, 0.0)
     if settings.damper and clearance.pairs:
         within = _within(
-            clearance.speeds(q, qd, change),
+            *clearance.motions(q, qd, change),
             clearance.self_pairs(),
             *ranges,
             settings.self_stop_distance,

@@ -23,6 +23,7 @@ import pinocchio as pin
 from ik_node.collision import Geometry, Link, add
 from ik_node.pairs import (
     NONE_NEAR,
+    Indices,
     Near,
     closest_pair,
     fastest_approach,
@@ -34,6 +35,8 @@ from ik_node.pairs import (
 )
 from ik_node.scene import Obstacle, Scene, Shape
 from ik_node.se3 import Array
+
+Motions = tuple[Array, Array, Array, Array, Array, Array, Array, Indices, Indices, Array]
 
 TOLERANCE = 1e-9
 """GJK's, m2: curved solids (cylinders) come out to about 1e-9 m, flat and spherical ones to rounding. EPA's stays at
@@ -183,7 +186,7 @@ class Clearance:
         """
         return fastest_approach(*self.motions(q, qd, change))
 
-    def motions(self, q: Array, qd: Array, change: Array) -> tuple[Any, ...]:
+    def motions(self, q: Array, qd: Array, change: Array) -> Motions:
         """What :func:`ik_node.pairs.fastest_approach` takes, for other compiled functions to hand on."""
         return (
             self.geometry.robot.motion(qd),

@@ -45,6 +45,7 @@ setup(
         "example-robot-data",
         "daqp",
         "numba",
+        "scipy",
         "mcap",
         "lz4",
         "zstandard",
@@ -55,7 +56,6 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
         "view": ["viser", "trimesh", "pycollada"],
-        "benchmark": ["scipy"],
     },
     entry_points={
         "console_scripts": [

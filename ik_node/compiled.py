@@ -25,6 +25,7 @@ from ik_node.source import source_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+REHEARSED = "rehearsed"
 KEPT = 8
 """So many versions of the package keep their machine code."""
 
@@ -63,6 +64,18 @@ def elementwise(function: Function) -> Callable[..., Any]:
     """A function of numbers as one of arrays, with NumPy's broadcasting."""
     _ufuncs.append(numba.vectorize(cache=CACHE is not None)(function))
     return cast(Callable[..., Any], _ufuncs[-1])
+
+
+def first_time() -> bool:
+    """True until a rehearsal of this version has come to its end here: compiling all of it takes half a minute."""
+    return CACHE is None or not (CACHE / REHEARSED).exists()
+
+
+def rehearsed() -> None:
+    """A rehearsal has come to its end."""
+    if CACHE is not None:
+        with contextlib.suppress(OSError):
+            (CACHE / REHEARSED).touch()
 
 
 def compilations() -> int:

@@ -11,11 +11,13 @@ import contextlib
 
 import numpy as np
 
+from ik_node import se3
 from ik_node.clock import NS, Instant
-from ik_node.compiled import compilations
+from ik_node.compiled import compilations, rehearsed
 from ik_node.controller import Controller
 from ik_node.errors import IkNodeError
-from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TwistSample
+from ik_node.inputs import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
+from ik_node.potentials.dexterity import dexterity
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import METHODS, Settings, Value
@@ -23,8 +25,11 @@ from ik_node.simulator import SimulatedArm
 
 TICKS = 20
 """Of every scene."""
+SAMPLES = 12
+"""Of a stream: enough for its predictors to be compared."""
 OUT_OF_REACH_M = 10.0
-UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+NEARBY_M = 0.02
+NOTHING = np.zeros((0, 6))
 
 
 def rehearse(robot: Robot, settings: Settings) -> int:
@@ -33,15 +38,21 @@ def rehearse(robot: Robot, settings: Settings) -> int:
     rehearsal = _Rehearsal(robot, settings)
     for method in METHODS:
         rehearsal.change({"method": method, "control_law": "twist_feedback"})
-        rehearsal.stream(0.001)
-        rehearsal.path()
-        rehearsal.jog()
         rehearsal.obstacle(0.1)
-        rehearsal.stream(OUT_OF_REACH_M)
-    rehearsal.change({"arm_lag_s": 0.02, "gain_integral_linear": 0.1})
-    rehearsal.stream(0.001)
+        rehearsal.stream(OUT_OF_REACH_M, 2)
+    rehearsal.stream(0.001, SAMPLES)
+    rehearsal.paths()
+    rehearsal.jog()
+    dampers = {"obstacles.damper": not settings.obstacles.damper}
+    rehearsal.change({"arm_lag_s": 0.02, "gain_integral_linear": 0.1, **dampers})
+    rehearsal.stream(0.001, 2)
+    rehearsal.obstacle(0.1)
     rehearsal.change({"control_law": "ik_difference"})
-    rehearsal.stream(0.001)
+    rehearsal.stream(0.001, 2)
+    rehearsal.change({"control_law": "twist_feedback", "jacobian": "space"})
+    rehearsal.stream(0.001, 2)
+    rehearsal.singular_start()
+    rehearsed()
     return compilations() - before
 
 
@@ -62,9 +73,10 @@ class _Rehearsal:
     def _now(self) -> Instant:
         return Instant(self._time_ns, self._time_ns)
 
-    @property
-    def _point(self) -> Array:
-        return self._robot.pose(self._arm.advance(self._time_ns)[0])[:3, 3]
+    def _tool(self) -> tuple[Array, Array]:
+        """Where the tool is: point (3,), quaternion (4,)."""
+        pose = self._robot.pose(self._arm.advance(self._time_ns)[0])
+        return pose[:3, 3], se3.quaternion_from_rotation(pose[:3, :3])
 
     def change(self, values: dict[str, Value]) -> None:
         """Other settings from now on."""
@@ -80,24 +92,37 @@ class _Rehearsal:
                 self._arm.command(step.joint_velocity, self._time_ns)
         self._controller.reset()
 
-    def stream(self, step_m: float) -> None:
+    def stream(self, step_m: float, samples: int) -> None:
         """Poses, each this much further; then silence."""
         self._ticks(2)
-        for count in range(6):
+        for count in range(samples):
+            point, quaternion = self._tool()
             with contextlib.suppress(IkNodeError):
-                point = self._point + count * step_m
-                self._controller.on_target_pose(PoseSample(0, self._robot.base_frame, point, UPRIGHT), self._now)
+                sample = PoseSample(0, self._robot.base_frame, point + count * step_m, quaternion)
+                self._controller.on_target_pose(sample, self._now)
             self._ticks(TICKS // 2)
         self._ticks()
 
-    def path(self) -> None:
-        """Two poses and their times."""
-        frames, stamps = (self._robot.base_frame,) * 2, (self._time_ns, self._time_ns + NS)
-        points = np.stack((self._point, self._point + 0.01))
-        with contextlib.suppress(IkNodeError):
-            sample = PathSample(frames, stamps, points, np.stack((UPRIGHT, UPRIGHT)))
-            self._controller.on_target_path(sample, self._now)
-        self._ticks()
+    def paths(self) -> None:
+        """Paths with and without times, from where the tool is and from nearby; a trajectory."""
+        base = self._robot.base_frame
+        for away_m in (0.0, NEARBY_M):
+            point, quaternion = self._tool()
+            points = np.stack((point, point + 0.5 * NEARBY_M, point + NEARBY_M)) + away_m
+            quaternions = np.stack((quaternion, quaternion, quaternion))
+            times_ns = (0, NS // 4, NS // 2)
+            timed = PathSample((base,) * 3, tuple(self._time_ns + time_ns for time_ns in times_ns), points, quaternions)
+            untimed = timed._replace(stamps_ns=(0, 0, 0))
+            twists = np.full((3, 6), 0.01)
+            for sample in (timed, untimed):
+                with contextlib.suppress(IkNodeError):
+                    self._controller.on_target_path(sample, self._now)
+                self._ticks()
+            for given in ((NOTHING, NOTHING), (twists, NOTHING), (twists, twists)):
+                trajectory = TrajectorySample(self._time_ns, base, times_ns, points, quaternions, *given)
+                with contextlib.suppress(IkNodeError):
+                    self._controller.on_target_trajectory(trajectory, self._now)
+                self._ticks()
 
     def jog(self) -> None:
         """A twist."""
@@ -109,10 +134,16 @@ class _Rehearsal:
     def obstacle(self, distance_m: float) -> None:
         """A ball that comes from this far, and goes."""
         for part in (1.0, 0.5, 0.0):
-            point = self._point + part * distance_m
-            self._put(ObstacleSample(0, self._robot.base_frame, "ball", "add", "sphere", (0.05,), point, UPRIGHT, 0))
+            point, quaternion = self._tool()
+            place = point + part * distance_m
+            self._put(ObstacleSample(0, self._robot.base_frame, "ball", "add", "sphere", (0.05,), place, quaternion, 0))
             self._ticks()
-        self._put(ObstacleSample(0, "", "ball", "delete", "", (), np.zeros(3), UPRIGHT, 0))
+        self._put(ObstacleSample(0, "", "ball", "delete", "", (), np.zeros(3), np.zeros(4), 0))
+
+    def singular_start(self) -> None:
+        """What an arm with a null space does if it starts in a singularity."""
+        q = self._arm.advance(self._time_ns)[0]
+        dexterity(lambda there: self._robot.evaluate(there).jacobian_b, q, np.ones(6), 1.0, np.inf)
 
     def _put(self, sample: ObstacleSample) -> None:
         with contextlib.suppress(IkNodeError):

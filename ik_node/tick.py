@@ -19,7 +19,7 @@ from ik_node.settings import Settings
 from ik_node.singularity import START, Passage, PassageState, pass_singularities
 from ik_node.standstill import PATIENCE_S, blocked, let_go
 from ik_node.surroundings import Closest, Lookout, Surroundings
-from ik_node.usual_tick import LOWER, UPPER, Usual, usual_tick
+from ik_node.usual_tick import LOWER, UPPER, Usual, per_joint_of, usual_tick
 
 NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
 """Where nothing is watched."""
@@ -61,6 +61,7 @@ class TickSolver:
         speed = settings.obstacles.evasion_speed if dodges else settings.control.null_space_speed
         self._null_space_cap = np.full(self._robot.n, speed)
         self._clear = max(settings.singularity.threshold, settings.control.singularity_threshold)
+        self._per_joint = per_joint_of(self.limits, self._null_space_cap)
         self._no_rows = np.zeros((0, self._robot.n))
 
     def memory(self) -> TickMemory:
@@ -194,8 +195,9 @@ class TickSolver:
             IDENTITY if weight is None else weight,
             NO_GRADIENT if gradient is None else gradient,
             gain,
-            self._null_space_cap,
-            self.limits,
+            self._per_joint,
+            self.limits.dt_max_s,
+            self.limits.recovery_speed,
             moment.q,
             moment.previous,
             moment.elapsed_s,

@@ -20,7 +20,9 @@ os.environ.pop("RMW_IMPLEMENTATION", None)
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compiles once what the test processes would else all compile at the same time."""
-    if not hasattr(config, "workerinput"):
+    from ik_node.compiled import first_time
+
+    if first_time() and not hasattr(config, "workerinput"):
         from loop import make_robot
 
         from ik_node.rehearsal import rehearse

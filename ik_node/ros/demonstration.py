@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from ik_node import share
 from ik_node.catalogue import robot_from
 from ik_node.clock import NS
+from ik_node.compiled import first_time
 from ik_node.errors import IkNodeError, SettingsError
 from ik_node.recording.reader import load_run
 from ik_node.rehearsal import rehearse
@@ -79,8 +80,9 @@ class Demonstration:
             signal.signal(number, self._on_signal)
         out = self._options.out
         out.mkdir(parents=True)
-        print("compiling what is not yet: half a minute at the first start, a second at any other", flush=True)
-        rehearse(self._robot, Settings())
+        if first_time():
+            print("compiling, once for this version: half a minute", flush=True)
+            rehearse(self._robot, Settings())
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             with self._simulator(out) as simulator, self._node(out) as node:

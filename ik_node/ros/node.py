@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ik_node.catalogue import robot_from
 from ik_node.clock import Instant
+from ik_node.compiled import first_time
 from ik_node.controller import Controller
 from ik_node.errors import IkNodeError, InputError, RecordingError
 from ik_node.inputs import frames_of
@@ -97,9 +98,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return TransitionCallbackReturn.SUCCESS
 
     def _rehearse(self, robot: Robot, settings: Settings) -> None:
+        if first_time():
+            self.get_logger().info("compiling, once for this version: half a minute")
         began = time.monotonic()
-        if rehearse(robot, settings):
-            self.get_logger().info(f"compiled functions are ready after {time.monotonic() - began:.1f} s")
+        rehearse(robot, settings)
+        self.get_logger().info(f"rehearsed in {time.monotonic() - began:.1f} s")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Goes on from the measured position; until a target comes it is held."""

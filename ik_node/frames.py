@@ -64,8 +64,10 @@ class Frames:
     def place(self, sample: PoseSample | ObstacleSample, what: str) -> Array:
         """The sample's pose as T_s, (4, 4); InputError naming ``what`` when it is no pose."""
         pose = se3.pose_from(sample.position, sample.quaternion, what)
-        placed: Array = self.pose(sample.frame_id) @ pose
-        return placed
+        frame = sample.frame_id
+        if frame == self._robot.base_frame and frame not in self.answers:  # as nearly always
+            return pose
+        return np.asarray(self.pose(frame) @ pose)
 
 
 def answer_text(frame: str, position: Sequence[float], quaternion: Sequence[float]) -> str:

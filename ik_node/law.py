@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.clock import NS, Instant
+from ik_node.compiled import compiled
 from ik_node.control_law import DesiredTwist, IkDifference, IkMemory, twist_feedback
 from ik_node.integral import IntegralAction, IntegralMemory
 from ik_node.joint_states import JointState
@@ -130,7 +131,8 @@ class Law:
         # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
         ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
         elapsed_s = (now.monotonic_ns - self.commanded_ns) / NS
-        moment = Moment(position, position + ahead_s * self.velocity, self.velocity, elapsed_s, now.monotonic_ns)
+        q_middle = carried_on(position, self.velocity, ahead_s)
+        moment = Moment(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
             wanted = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
             outcome = self.solver.follow_velocity(moment, wanted)
@@ -167,3 +169,9 @@ class Law:
         if control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS:
             found.append("ik_difference_gain is stable only for an arm that answers without lag")
         return found
+
+
+@compiled
+def carried_on(q: Array, qd: Array, time_s: float) -> Array:
+    """Where joints at ``q`` (n,) are after ``time_s`` at ``qd`` (n,)."""
+    return q + time_s * qd

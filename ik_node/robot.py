@@ -84,6 +84,9 @@ class Robot:
         held = [full.getJointId(name) for name in names if name not in moving_joints]
         self.model = reduced(full, held, held_at(full, mimics))
         self.data = self.model.createData()
+        named = (frame.name for frame in self.model.frames if frame.type != pin.FrameType.JOINT)
+        self.frames: tuple[str, ...] = tuple(dict.fromkeys(named))
+        """Names of every frame of the model."""
         self.urdf = urdf
         self.joints = tuple(joint_prefix + name for name in model_joints)
         self._model_joints = model_joints
@@ -122,11 +125,6 @@ class Robot:
     def n(self) -> int:
         """Number of controlled joints."""
         return len(self.joints)
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Names of every frame of the model."""
-        return tuple(dict.fromkeys(frame.name for frame in self.model.frames if frame.type != pin.FrameType.JOINT))
 
     def _read_limits(self) -> JointLimits:
         m = len(self._moving_joints)

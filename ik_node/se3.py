@@ -7,6 +7,7 @@ one into the other, and this is the only place that says so.
 
 from __future__ import annotations
 
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def vector(values: ArrayLike, size: int, name: str) -> Array:
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (size,):
         raise InputError(f"{name} has shape {array.shape}, expected ({size},)")
-    if not np.isfinite(array).all():
+    if not all(map(isfinite, array.tolist())):
         raise InputError(f"{name} is not finite: {array}")
     return array
 
@@ -51,12 +52,11 @@ def rotation_from_quaternion(xyzw: ArrayLike, name: str = "orientation") -> Arra
 
     Normalised when its norm is within ``ROTATION_TOLERANCE`` of 1; InputError beyond (zero too) or when not finite.
     """
-    quaternion = vector(xyzw, 4, f"{name} quaternion")
-    norm = float(np.sqrt(quaternion @ quaternion))
+    x, y, z, w = vector(xyzw, 4, f"{name} quaternion").tolist()
+    norm = sqrt(x * x + y * y + z * z + w * w)
     if abs(norm - 1.0) > ROTATION_TOLERANCE:
         raise InputError(f"{name} quaternion has norm {norm:.6g}; accepted: 1 within {ROTATION_TOLERANCE}")
-    x, y, z, w = (quaternion / norm).tolist()
-    return np.array(to_matrix((w, x, y, z)))
+    return np.array(to_matrix((w / norm, x / norm, y / norm, z / norm)))
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:

@@ -81,13 +81,14 @@ class JointStateMerger:
         stamped = place(sample.stamp_ns, now, self._max_age_ns)
         self.skew_ns = stamped.skew_ns
         if len(position) == len(self._joints):  # as nearly always: all at once
-            self._position[ours], self._time_ns[:] = position, stamped.time_ns
+            self._position[ours] = position
+            self._time_ns.fill(stamped.time_ns)
             return self._complete(stamped.time_ns, now)
         self._position[ours], self._time_ns[ours], self._missing[ours] = position, stamped.time_ns, False
         return None if self._missing.any() else self._complete(int(self._time_ns.min()), now)
 
     def _complete(self, time_ns: int, now: Instant) -> JointState | None:
-        self._missing[:] = True
+        self._missing.fill(True)
         self.received_ns = now.monotonic_ns
         if time_ns <= self._last_time_ns:
             self.out_of_order += 1

@@ -141,6 +141,15 @@ def stopping_distance(speed: Array, acceleration: ArrayLike, hold_s: float) -> A
 
 
 @compiled
+def largest_change(acceleration: Array, elapsed_s: float, dt_max_s: float) -> Array:
+    """(n,): by how much velocities can have changed after a command has stood for ``elapsed_s``, rad/s (m/s).
+
+    Negative counts as 0 and more than ``dt_max_s`` as that.
+    """
+    return acceleration * min(max(elapsed_s, 0.0), dt_max_s)
+
+
+@compiled
 def joint_bounds(limits: MotionLimits, q: Array, qd_previous: Array, elapsed_s: float) -> JointBounds:
     """The box of this tick; see the module.
 

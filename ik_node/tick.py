@@ -8,7 +8,7 @@ import numpy as np
 
 from ik_node import bounded, se3
 from ik_node.errors import InputError
-from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, motion_limits
+from ik_node.limits import ROUNDING, JointBounds, conceded, joint_bounds, largest_change, motion_limits
 from ik_node.methods import METHODS
 from ik_node.outcome import NOTHING_LOST, Moment, Outcome
 from ik_node.potentials import dexterity
@@ -272,7 +272,7 @@ class TickSolver:
 
     def _look(self, moment: Moment, repel: bool) -> Surroundings | None:
         limits = self.limits
-        change = limits.acceleration * min(max(moment.elapsed_s, 0.0), limits.dt_max_s)
+        change = largest_change(limits.acceleration, moment.elapsed_s, limits.dt_max_s)
         return self.lookout.look(moment.q, moment.previous, change, limits.dt_max_s, moment.time_ns, repel)
 
     def _cost(self, moment: Moment, seen: Surroundings | None) -> tuple[Array | None, Array | None]:

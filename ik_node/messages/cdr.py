@@ -143,6 +143,6 @@ class Cursor:
         if size == 0:
             return np.empty(0)
         self.offset += (4 - self.offset) % 8  # 8-byte alignment counts from behind the four bytes of encapsulation
-        values = floats_at(self.data, size, self.offset).copy()
+        values: Array = floats_at(self.data, size, self.offset).copy()
         self.offset += 8 * size
         return values

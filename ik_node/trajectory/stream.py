@@ -20,7 +20,6 @@ from ik_node.trajectory.cadence import Cadence, followed, restarted
 from ik_node.trajectory.curve import Curve, resting
 from ik_node.trajectory.latency import Latency, lag_at, wanted
 from ik_node.trajectory.motion import Motion
-from ik_node.trajectory.plan import NOTHING_PLANNED
 from ik_node.trajectory.predictors import Bank, begun, updated
 from ik_node.trajectory.pursuit import (
     NOWHERE,
@@ -28,9 +27,12 @@ from ik_node.trajectory.pursuit import (
     Pace,
     Pursuit,
     Sample,
+    after_a_jump,
+    elsewhere,
     gap_period_s,
     packed,
     pursued,
+    pursuit_from,
 )
 from ik_node.trajectory.reference import Bounds, RigidMotion, pose_of
 from ik_node.trajectory.rotations import conjugate, difference, from_matrix, length, multiply, to_vector
@@ -49,7 +51,7 @@ REPEATED = 0.5
 class StreamState:
     """Everything that the motion remembers. Values are immutable, so that a shallow copy is a snapshot."""
 
-    pursuit: Pursuit = field(default_factory=Pursuit)
+    pursuit: Pursuit = field(default_factory=lambda: pursuit_from(RigidMotion(), 0))
     newest: Sample | None = None
     cadence: Cadence = field(default_factory=Cadence)
     bank: Bank | None = None
@@ -108,13 +110,12 @@ class StreamedPoses:
 
     def take_over(self, motion: RigidMotion, time_ns: int) -> None:
         """As :meth:`start`, from where another reference is, and as it moves."""
-        self._state = StreamState(Pursuit(time_ns, motion))
+        self._state = StreamState(pursuit_from(motion, time_ns))
         self._pack()
 
     def rest_at(self, motion: RigidMotion, time_ns: int) -> None:
         """Goes on following the same samples from somewhere else."""
-        pursuit = self._state.pursuit
-        self._state.pursuit = pursuit._replace(time_ns=time_ns, motion=motion, plan=NOTHING_PLANNED)
+        self._state.pursuit = elsewhere(self._state.pursuit, motion, time_ns)
 
     def hold(self) -> None:
         """Stops following: comes to rest within the bounds and stays there until :meth:`start`."""
@@ -129,7 +130,7 @@ class StreamedPoses:
         on_arrival = stamped.time_ns == stamped.received_ns
         if s.newest is None or s.bank is None:
             self._begin(sample, on_arrival)
-            s.pursuit = s.pursuit._replace(jumped=True)
+            s.pursuit = after_a_jump(s.pursuit)
         elif sample.time_ns < s.newest.time_ns:
             s.reordered += 1
             return
@@ -138,7 +139,7 @@ class StreamedPoses:
             return
         elif self._jumps(s.newest, sample):
             self._begin(sample, on_arrival)
-            s.pursuit = s.pursuit._replace(jumped=True)
+            s.pursuit = after_a_jump(s.pursuit)
         elif sample.received_ns - s.newest.received_ns > LOST_PERIODS * self._gap_period_s * NS:
             self._begin(sample, on_arrival)
         else:
@@ -211,8 +212,9 @@ class StreamedPoses:
         """
         s = self._state
         follows = s.curve is not None and not s.held
-        s.pursuit, motion = pursued(s.pursuit, *self._packed, follows, time_ns, hold_s)
-        return motion
+        at_ns, numbers, plan, pose_sd, twist_d = pursued(*s.pursuit, *self._packed, follows, time_ns, hold_s)
+        s.pursuit = Pursuit(at_ns, numbers, plan)
+        return Motion(pose_sd, twist_d)
 
     def motion(self) -> RigidMotion:
         """The reference now."""

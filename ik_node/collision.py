@@ -305,12 +305,13 @@ def sampled_distances(robot: Robot, links: tuple[Link, ...], pairs: list[tuple[i
     data = pin.GeometryData(model)
     lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
     upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
+    found = list(data.distanceResults)  # they stay where they are, and change with every measurement
     result = np.empty((SAMPLES, len(pairs)))
     for row, part in enumerate(_even(SAMPLES, robot.n)):
         robot.root_jacobian(lower + part * (upper - lower))
         pin.updateGeometryPlacements(robot.model, robot.data, model, data)
         pin.computeDistances(model, data)
-        result[row] = [found.min_distance for found in data.distanceResults]
+        result[row] = [pair.min_distance for pair in found]
     return result
 
 

@@ -28,24 +28,28 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 REHEARSED = "rehearsed"
 KEPT = 8
 """So many versions of the package keep their machine code."""
+ROOM = 100_000_000
+"""Free bytes without which nothing is kept: a version takes a tenth of it."""
 
 
 def _folder() -> Path | None:
-    """Where machine code of this version of the package is kept; None where nothing can be written."""
+    """Where machine code of this version of the package is kept; None where nothing can be written, or hardly."""
     try:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ik_node"
+        home = Path(os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        home = home / "ik_node"
         folder = home / source_digest()
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
         with contextlib.suppress(OSError):  # another process tidies up too
             for old in sorted(home.iterdir(), key=lambda path: path.stat().st_mtime)[:-KEPT]:
                 shutil.rmtree(old, ignore_errors=True)
+        roomy = shutil.disk_usage(folder).free > ROOM
     except (OSError, RuntimeError):  # RuntimeError: no home
         return None
-    return folder if os.access(folder, os.W_OK) else None
+    return folder if roomy and os.access(folder, os.W_OK) else None
 
 
-CACHE = Path(os.environ["NUMBA_CACHE_DIR"]) if "NUMBA_CACHE_DIR" in os.environ else _folder()
+CACHE = _folder()
 """Folder of the machine code; None: it is compiled anew in every process."""
 if CACHE is not None:
     numba.config.CACHE_DIR = str(CACHE)

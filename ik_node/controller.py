@@ -338,8 +338,9 @@ class Controller:
             conditions.append("joint state stamps disagree with this clock; arrival counts")
         conditions.extend(self._targets.remarks)
         self._status.mention(conditions, now)
-        mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
-        self._status.set(Status(Level.OK, mode, self._targets.reason))
+        ended = self._targets.ended
+        mode = Mode.HOLDING if ended else Mode.TRACKING
+        self._status.set(Status(Level.OK, mode, self._targets.reason_when(ended)))
 
     def _ready(self) -> JointState:
         """The last joint state of an arm that a control law moves; TargetRefused otherwise."""

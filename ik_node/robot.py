@@ -84,6 +84,7 @@ class Robot:
         held = [full.getJointId(name) for name in names if name not in moving_joints]
         self.model = reduced(full, held, held_at(full, mimics))
         self.data = self.model.createData()
+        self._put_at, self._all_columns = b"", np.zeros(0)
         named = (frame.name for frame in self.model.frames if frame.type != pin.FrameType.JOINT)
         self.frames: tuple[str, ...] = tuple(dict.fromkeys(named))
         """Names of every frame of the model."""
@@ -177,8 +178,19 @@ class Robot:
 
     def pose(self, q: Array) -> Array:
         """T_sb(q), (4, 4)."""
-        pin.forwardKinematics(self.model, self.data, self._configuration(q))
+        self._put(q)
         return self._from_base(pin.updateFramePlacement(self.model, self.data, self._tip_id))
+
+    def _put(self, q: Array) -> Any:
+        """Puts the joints to q (n,): their placements into :attr:`data`; their Jacobian, as Pinocchio orders it.
+
+        A tick asks for the tool's pose and for distances at the same q.
+        """
+        if (at := q.tobytes()) != self._put_at:
+            self._put_at = b""
+            self._all_columns = pin.computeJointJacobians(self.model, self.data, self._configuration(q))
+            self._put_at = at
+        return self._all_columns
 
     def _from_base(self, placement: Any) -> Array:
         """(4, 4), C-contiguous, of a placement seen from the root."""
@@ -187,7 +199,7 @@ class Robot:
 
     def evaluate(self, q: Array) -> Kinematics:
         """Pose and body Jacobian at q (n,) [rad, m]."""
-        pin.computeJointJacobians(self.model, self.data, self._configuration(q))
+        self._put(q)
         placement = pin.updateFramePlacement(self.model, self.data, self._tip_id)
         # Pinocchio drops the second dimension for an arm of one joint.
         jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, pin.LOCAL).reshape(6, -1)
@@ -196,6 +208,7 @@ class Robot:
 
     def dynamics(self, q: Array) -> Dynamics:
         """Mass matrix and gravity gradient at q (n,)."""
+        self._put_at = b""
         configuration = self._configuration(q)
         mass = _symmetric(pin.crba(self.model, self.data, configuration))
         gravity = pin.computeGeneralizedGravity(self.model, self.data, configuration)
@@ -208,6 +221,7 @@ class Robot:
 
     def kinetic_energy(self, q: Array, qd: Array) -> float:
         """1/2 qd' M(q) qd at q (n,) and qd (n,), J."""
+        self._put_at = b""
         motion = self.motion(qd)
         if not self._in_model_order:
             motion = motion[np.argsort(self._velocity_index)]
@@ -226,8 +240,7 @@ class Robot:
         Leaves the placements of all joints at q in :attr:`data`, for Pinocchio's geometry functions.
         """
         # Pinocchio drops the second dimension for an arm of one joint.
-        jacobian = pin.computeJointJacobians(self.model, self.data, self._configuration(q)).reshape(6, -1)
-        return self._columns(jacobian)
+        return self._columns(self._put(q).reshape(6, -1))
 
     def joint_moves(self, parent: int) -> NDArray[np.bool_]:
         """(m,), bool: which moving joints (see :meth:`motion`) move what hangs on joint ``parent`` of the model."""
@@ -246,7 +259,7 @@ class Robot:
     def frame_pose(self, q: Array, frame: str) -> Array:
         """T_sf(q), (4, 4) of any frame of the model; UnknownNameError with the list of frames."""
         number = frame_id(self.model, frame)
-        pin.forwardKinematics(self.model, self.data, self._configuration(q))
+        self._put(q)
         return self._from_base(pin.updateFramePlacement(self.model, self.data, number))
 
     def moves_with_tool(self, frame: str) -> bool:
@@ -256,7 +269,7 @@ class Robot:
 
     def joint_origins(self, q: Array) -> Array:
         """Where the controlled joints are at q (n,), seen from the base frame, (n, 3), m."""
-        pin.forwardKinematics(self.model, self.data, self._configuration(q))
+        self._put(q)
         points = np.array([self.data.oMi[self.model.getJointId(name)].translation for name in self._model_joints])
         return np.asarray(points @ self._pose_base_root[:3, :3].T + self._pose_base_root[:3, 3])
 

@@ -149,6 +149,8 @@ class Scene:
 
     def at(self, time_ns: int) -> Scene:
         """Without those whose time is over."""
+        if not self.obstacles:
+            return self
         kept = {
             key: value
             for key, value in self.obstacles.items()

@@ -231,13 +231,17 @@ class Targets:
     @property
     def reason(self) -> str:
         """What is being done, in words that stay the same while it is."""
+        return self.reason_when(self.ended)
+
+    def reason_when(self, ended: bool) -> str:
+        """:attr:`reason`, for who has asked for :attr:`ended`."""
+        if self._source is Source.POSE:
+            return "the target stream has ended; holding the last pose" if ended else "following target_pose"
         name = self._source.value
         if self._source is Source.NONE:
             return "no target yet"
-        if self._source is Source.POSE:
-            return "the target stream has ended; holding the last pose" if self.ended else f"following {name}"
         if self._source is Source.TWIST:
-            return f"no {name} any more; holding the pose" if self.ended else f"jogging by {name}"
+            return f"no {name} any more; holding the pose" if ended else f"jogging by {name}"
         return self._path_reason(name)
 
     def _path_reason(self, name: str) -> str:

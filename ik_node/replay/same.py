@@ -19,6 +19,7 @@ from ik_node.plain_json import to_json
 from ik_node.recording.calls import INPUTS
 from ik_node.recording.environment import differences
 from ik_node.recording.events import Checkpoint, Event, RecordedCalls
+from ik_node.replay.garbage import seldom_collecting
 from ik_node.replay.source import make
 from ik_node.step import Step
 
@@ -96,7 +97,8 @@ class Comparison:
 
 def replay(recorded: RecordedCalls) -> Comparison:
     """All of a recording through a new controller. RecordingError where it is damaged or holds no Step to compare."""
-    return _Replay(recorded).run()
+    with seldom_collecting():
+        return _Replay(recorded).run()
 
 
 class _Replay:

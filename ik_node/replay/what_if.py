@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from math import isfinite
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,6 +18,7 @@ from ik_node.errors import InputError
 from ik_node.limits import motion_limits
 from ik_node.recording.events import RecordedCalls
 from ik_node.recording.reader import load_run
+from ik_node.replay.garbage import seldom_collecting
 from ik_node.replay.simulation import Simulated, open_loop, simulate
 from ik_node.replay.source import Source, calls
 from ik_node.report.truth import FILE_NAME, Truth, read_truth, rotation_angle, truth_from_targets
@@ -146,22 +145,8 @@ def compare(opened: Opened, wanted: Sequence[Variant], truth: Truth | None, jobs
 
 def _run(opened: Opened, variant: Variant, truth: Truth | None) -> Figures:
     source = opened()
-    with _seldom_collecting():
+    with seldom_collecting():
         return figures(source, variant, simulate(source, variant.changes), truth)
-
-
-@contextmanager
-def _seldom_collecting() -> Iterator[None]:
-    """A run keeps all its Steps: some 100000 objects, among which there is no garbage.
-
-    Python would look for some at every 700 new ones, which takes 10 us of each tick.
-    """
-    usual = gc.get_threshold()
-    gc.set_threshold(100_000, *usual[1:])
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
 
 
 def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | None) -> Figures:

@@ -11,8 +11,9 @@ from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ik_node import array
 from ik_node.compiled import compiled
 from ik_node.errors import InputError
 from ik_node.trajectory.rotations import (
@@ -28,7 +29,7 @@ from ik_node.trajectory.rotations import (
 )
 from ik_node.trajectory.so3 import inverse_coefficient, jacobian_coefficients
 
-Array = NDArray[np.float64]
+Array = array.Array
 
 ROTATION_TOLERANCE = 1e-3
 """How far from unit norm a quaternion, or from SO(3) a matrix, may be and still be put right instead of refused."""

@@ -39,8 +39,8 @@ def test_an_unread_output_leaves_no_traceback(command: str, buffering: str) -> N
     finally:
         os.close(writing)
     assert done.stderr == ""
-    swallowed = "--help" in arguments and buffering  # argparse does that by itself
-    assert done.returncode == (0 if swallowed else UNREAD)
+    swallowed = "--help" in arguments and buffering  # argparse does that by itself, in some versions
+    assert done.returncode == UNREAD or (swallowed and done.returncode == 0)
 
 
 @pytest.mark.parametrize("name", NAMES)

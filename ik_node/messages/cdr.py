@@ -104,8 +104,8 @@ def stamp_at(data: bytes, offset: int = _STAMP_OFFSET) -> int:
 
 
 def floats_at(data: bytes, size: int, offset: int) -> Array:
-    """``size`` > 0 float64 numbers at ``offset``, not to be written into; ValueError beyond the end."""
-    return np.frombuffer(data, _DOUBLE, size, offset)
+    """``size`` > 0 float64 numbers at ``offset`` as an array of their own; ValueError beyond the end."""
+    return np.frombuffer(data, _DOUBLE, size, offset).astype(np.float64)
 
 
 class Cursor:
@@ -143,6 +143,6 @@ class Cursor:
         if size == 0:
             return np.empty(0)
         self.offset += (4 - self.offset) % 8  # 8-byte alignment counts from behind the four bytes of encapsulation
-        values: Array = floats_at(self.data, size, self.offset).copy()
+        values = floats_at(self.data, size, self.offset)
         self.offset += 8 * size
         return values

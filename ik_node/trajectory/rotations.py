@@ -7,15 +7,12 @@ Tuples of floats stay in registers once compiled, and cost a tenth of a small ar
 from __future__ import annotations
 
 from math import atan2, cos, sin, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ik_node.array import Array
 from ik_node.compiled import compiled
 from ik_node.errors import InputError
-
-if TYPE_CHECKING:  # ik_node.se3 is built on this module
-    from ik_node.se3 import Array
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

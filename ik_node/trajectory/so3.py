@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import cos, sin, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ik_node.array import Array
 from ik_node.compiled import compiled
 from ik_node.trajectory.rotations import (
     Quaternion,
@@ -30,9 +30,6 @@ from ik_node.trajectory.rotations import (
     scaled,
     to_vector,
 )
-
-if TYPE_CHECKING:  # ik_node.se3 is built on this module
-    from ik_node.se3 import Array
 
 SMALL = 1e-2
 """Squared angles below which series stand for the coefficients, exact to rounding."""

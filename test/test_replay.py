@@ -31,6 +31,7 @@ from ik_node.recording.events import Event, RecordedCalls
 from ik_node.recording.writer import Recorder, RecorderOptions
 from ik_node.replay.same import Comparison, replay
 from ik_node.settings import METHODS
+from ik_node.step import Step
 from ik_node.trajectory.shapes import figure_of_eight
 
 
@@ -155,6 +156,13 @@ def test_a_recording_that_begins_in_the_middle_comes_out_the_same(tmp_path: Path
 def test_each_part_of_a_split_recording_comes_out_the_same_by_itself(tmp_path: Path) -> None:
     options = RecorderOptions(max_part_s=0.2, flush_period_s=0.01, compression="none")
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 250.0}, options=options)
+    at_once = loop.tick
+
+    def tick() -> Step | None:
+        time.sleep(0.001)  # the writer has to see the parts grow
+        return at_once()
+
+    loop.tick = tick  # type: ignore[method-assign]
     eventful(loop)
     finish(loop)
     whole = replayed(tmp_path / "bag")

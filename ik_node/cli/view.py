@@ -44,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if (options.bag is None) != options.live:
         print("error: expected a recording, or --live for a running node", file=sys.stderr)
         return 2
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: a shell's background job begins with it ignored
+        signal.signal(number, _interrupt)
     try:
         if options.live:
             _view_live(options)

@@ -154,7 +154,7 @@ def test_a_recording_that_begins_in_the_middle_comes_out_the_same(tmp_path: Path
 
 
 def test_each_part_of_a_split_recording_comes_out_the_same_by_itself(tmp_path: Path) -> None:
-    options = RecorderOptions(max_part_s=0.2, flush_period_s=0.01, compression="none")
+    options = RecorderOptions(max_part_s=0.5, flush_period_s=0.01, compression="none")
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 250.0}, options=options)
     at_once = loop.tick
 

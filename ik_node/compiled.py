@@ -1,7 +1,7 @@
 """Functions compiled to machine code by numba, for what every tick does many times.
 
 A compiled function is Python without Python's objects: numbers, arrays, tuples and NamedTuples of them. It gives the
-bits of the interpreter (no sums in another order, no fused operations) in a hundredth of the time.
+bits of the interpreter (no sums in another order, no fused operations), many times faster.
 
 It is compiled when it is first called with arguments of new types, which takes seconds, and kept on disk from then on.
 :func:`ik_node.rehearsal.rehearse` calls everything that a tick may call: nothing is compiled while an arm moves.

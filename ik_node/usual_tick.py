@@ -44,7 +44,7 @@ class Usual(NamedTuple):
 def per_joint_of(limits: MotionLimits, cap: Array) -> Array:
     """The arrays of ``limits``, and the fastest velocities in the null space, ``cap`` (n,), as rows.
 
-    One array takes a tenth of the time that a NamedTuple takes to hand over.
+    One array is handed to compiled code more quickly than a NamedTuple of them.
     """
     return np.stack((*limits[:4], cap))
 

@@ -156,7 +156,8 @@ def test_pause_reset_and_record_are_services(peer: Peer, tmp_path: Path) -> None
     peer.until("holding", lambda: peer.mode == "holding", each=arm)
     answer = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=False), arm)
     assert "0 messages left out" in answer.message
-    assert load_run(tmp_path / "bag").complete
+    # The answer does not wait for the disk.
+    peer.until("a whole recording", lambda: load_run(tmp_path / "bag").complete, each=arm)
     again = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=True), arm)
     assert not again.success
     assert "exists already" in again.message

@@ -180,7 +180,7 @@ def test_recordings_of_others_are_repaired_too(tmp_path: Path) -> None:
         channels = [writer.register_channel(f"/text{number}", "cdr", schema) for number in range(3)]
         for number in range(300):
             writer.add_message(channels[number % 3], ROS_START_NS + number, messages.encode_string("x" * 50), number)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap's has no annotations
     whole = file.read_bytes()
     for length in range(200, len(whole), len(whole) // 20):
         file.write_bytes(whole[:length])

@@ -162,7 +162,7 @@ def test_each_part_of_a_split_recording_comes_out_the_same_by_itself(tmp_path: P
         time.sleep(0.001)  # the writer has to see the parts grow
         return at_once()
 
-    loop.tick = tick  # type: ignore[method-assign]
+    loop.tick = tick  # type: ignore[method-assign]  # of this one loop only
     eventful(loop)
     finish(loop)
     whole = replayed(tmp_path / "bag")

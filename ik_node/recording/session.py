@@ -189,6 +189,10 @@ class RunRecording:
             self._put_state(state(), now)
         self._dropped_before_call = dropped
 
+    def write_pending(self) -> None:
+        """Writes what has gathered, where no thread does it (:attr:`RecorderOptions.own_thread`)."""
+        self._recorder.write_pending()
+
     def end(self) -> None:
         """Stops recording and returns at once, for a control loop that goes on; the writer does the rest."""
         self._recorder.end()

@@ -1,4 +1,8 @@
-"""A controller whose calls are recorded as the node records them, to be put into a :class:`loop.Loop`."""
+"""A controller whose calls are recorded as the node records them, to be put into a :class:`loop.Loop`.
+
+The file is written without a thread, every ``flush_period_s`` of the loop's own time: where chunks and parts begin, and
+what a full queue leaves out, is the same on every machine.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import Any
 import numpy as np
 from loop import READY, Loop, make_robot
 
-from ik_node.clock import Instant
+from ik_node.clock import NS, Instant
 from ik_node.controller import Controller
 from ik_node.errors import InputError, TargetRefused
 from ik_node.inputs import JointSample, PoseSample
@@ -32,7 +36,9 @@ class RecordedController:
         self.controller = controller
         robot = controller.robot
         setup = RunSetup("/ik_node", "panda", robot, controller.settings, {}, controller.state(), controller.geometry)
-        self.recording = RunRecording(directory, setup, now, options)
+        self._options = (options or RecorderOptions())._replace(own_thread=False)
+        self._due_ns = now.monotonic_ns
+        self.recording = RunRecording(directory, setup, now, self._options)
         self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
 
     def __getattr__(self, name: str) -> Any:
@@ -80,7 +86,7 @@ class RecordedController:
     def apply(self, settings: Settings, now: Instant) -> None:
         self.controller.apply(settings)
         self.recording.applied(settings, now)
-        self.recording.between_calls(self.controller.state, now)
+        self._between_calls(now)
 
     def _told(
         self, kind: CallKind, now: Instant, step: Step | None = None, sequence: int = -1, text: str = ""
@@ -89,8 +95,14 @@ class RecordedController:
         if step is not None:
             command = Outgoing(encode.COMMANDS, self._outputs.command(step))
             self.recording.sent(step, [command, *self._outputs.others(step)])
-        self.recording.between_calls(self.controller.state, now)
+        self._between_calls(now)
         return step
+
+    def _between_calls(self, now: Instant) -> None:
+        if now.monotonic_ns >= self._due_ns:
+            self._due_ns = now.monotonic_ns + round(self._options.flush_period_s * NS)
+            self.recording.write_pending()
+        self.recording.between_calls(self.controller.state, now)
 
 
 def recorded_loop(

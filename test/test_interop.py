@@ -26,7 +26,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from support import PROJECT, shared_path
 
-from ik_node import messages
+from ik_node import messages, se3
 from ik_node.cli import export
 from ik_node.cli import replay as command
 from ik_node.clock import NS
@@ -83,7 +83,7 @@ def test_the_converter_of_rosbags_takes_it_and_it_comes_back(
     if ros1:
         call += ["--dst-typestore", "ros1_noetic", "--include-topic", "/joint_states", "/ik_node/target_pose"]
     done = subprocess.run(
-        [sys.executable, "-m", "rosbags.convert", *call[1:]], capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, "-m", "rosbags.convert", *call[1:]], capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     foreign, ours = inputs(ForeignBag(converted, SETTINGS)), inputs(RecordedCalls(directory))
@@ -355,22 +355,36 @@ def test_stamps_inside_move_too() -> None:
 
 
 def test_recorded_targets_drive_a_running_node(run: tuple[Path, Loop], tmp_path: Path) -> None:
-    """--ros: the recorded targets, restamped, at their pace, to a node that holds a simulated arm."""
+    """--ros: the recorded targets, restamped, at their pace, to a node that holds an arm, which goes where they go."""
     ros_peer = pytest.importorskip("ros_peer")
+    recorded = load_run(run[0])
+    start, end = (se3.pose_from(recorded.targets.position[i], recorded.targets.quaternion_xyzw[i]) for i in (0, -1))
+    width = np.ptp(recorded.targets.position[:, 1])
+    assert width > 0.05
     with ros_peer.peer_in_own_domain() as peer:
-        peer.start("node", tmp_path, ["-p", "robot:=panda", "-p", "obstacles.geometry:=none"])
+        # A stream that a busy machine interrupts goes on.
+        arguments = ["-p", "robot:=panda", "-p", "obstacles.geometry:=none", "-p", "target.timeout_s:=5.0"]
+        peer.start("node", tmp_path, [*arguments, *ros_peer.CALM])
         arm = ros_peer.FakeArm(peer, run[1].robot, READY["panda"])
-        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), each=arm)
+        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
         call = [sys.executable, "-m", "ik_node.cli.replay", str(run[0]), "--ros", "--input", "target_pose", "--json"]
         environment = {**os.environ, "ROS_DOMAIN_ID": str(peer.domain)}
+        places = [arm.pose()[1, 3]]
+
+        def each() -> None:
+            arm()
+            places.append(arm.pose()[1, 3])
+
         with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, text=True) as process:
-            peer.until("tracking", lambda: peer.mode == "tracking", each=arm)
-            peer.spin(2.0, arm)
-            fastest = max(np.abs(command).max() for command in peer.commands)
-            said, _ = process.communicate(timeout=30)
+            peer.until("tracking", lambda: peer.mode == "tracking", each)
+            peer.until("the end", lambda: process.poll() is not None, each)
+            assert process.stdout is not None
+            said = json.loads(process.stdout.read())
         assert process.returncode == 0
         recorded_targets = [e for e in calls(RecordedCalls(run[0])) if e.call.kind is CallKind.ON_TARGET_POSE]
-        assert json.loads(said)["target_pose"] == len(recorded_targets)
-        assert json.loads(said)["joint_states"] == 0
-        recorded = max(np.abs(step.joint_velocity).max() for step in run[1].steps)
-        assert 0.2 * recorded < fastest < 2.0 * recorded
+        assert said["target_pose"] == len(recorded_targets)
+        assert said["joint_states"] == 0
+        # Best effort: the very last ones may be lost, 3 mm apart.
+        peer.until("arrival", lambda: bool(np.linalg.norm((arm.pose() - end)[:3, 3]) < 0.02), each)
+        assert np.ptp(places) > 0.8 * width, "it went all the way"
+        assert np.linalg.norm(end[:3, 3] - start[:3, 3]) > 0.01

@@ -75,6 +75,11 @@ class Page:
         self._aim()
         self.tick(0.0)
 
+    @property
+    def said(self) -> str:
+        """The words about the moment, as HTML."""
+        return str(self._words.content)
+
     # --- building ----------------------------------------------------------------------------------------------------
 
     def _build_look(self) -> None:
@@ -96,7 +101,7 @@ class Page:
             shown = plots_for(self.subject.robot.joints, self.subject.velocity_limits, with_clearance)
             self._plots = Plots(self.server, shown)
             self._window = gui.add_dropdown("show", tuple(PLOTTED), hint="Part of the run that the plots show")
-            self._window.on_update(lambda _: self._want())
+            self._window.on_update(lambda _: self.redraw())
         panel.dock_left()
         panel.set_width(PLOTS_PX)
 
@@ -125,7 +130,8 @@ class Page:
 
     # --- what people do (threads of viser) ---------------------------------------------------------------------------
 
-    def _want(self) -> None:
+    def redraw(self) -> None:
+        """Has the moment drawn at the next tick, also when no time passes."""
         with self._lock:
             self._wanted = True
 

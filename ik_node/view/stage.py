@@ -211,6 +211,16 @@ class Stage:
             visible=self._visible["targets"],
         )
 
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The model's joints whose links are to be seen, by number; 0 is what does not move."""
+        return tuple(self._joints)
+
+    @property
+    def obstacles(self) -> tuple[str, ...]:
+        """Names of the obstacles that are drawn, sorted."""
+        return tuple(sorted(self._obstacles))
+
     # --- what moves --------------------------------------------------------------------------------------------------
 
     def show(self, moment: Moment, scene: Scene) -> None:

@@ -58,7 +58,7 @@ class Browser:
         self._numbers = itertools.count(1)
         self._events: list[dict[str, Any]] = []
         try:
-            until = time.monotonic() + 30.0
+            until = time.monotonic() + 90.0
             while not (found := re.search(r"ws://127\.0\.0\.1:(\d+)/", Path(log.name).read_text())):
                 if time.monotonic() > until or self._process.poll() is not None:
                     pytest.skip(f"{program} does not start: {Path(log.name).read_text()[-300:]}")
@@ -111,7 +111,7 @@ class Browser:
         assert found, f"no {selector} with '{text}' on the page"
         return found[0], found[1], found[2], found[3]
 
-    def until(self, what: str, holds: Callable[[], bool], timeout_s: float = 40.0) -> None:
+    def until(self, what: str, holds: Callable[[], bool], timeout_s: float = 180.0) -> None:
         end = time.monotonic() + timeout_s
         while not holds():
             assert time.monotonic() < end, f"waited {timeout_s:g} s for {what}"

@@ -1,58 +1,88 @@
 """The main job in one command, as a user starts it: processes, DDS, recording, report.
 
-Figures are those that the README promises, with an ideal arm at 500 Hz; machines that run tests are noisy, so these
-bounds are wide against what is measured on a quiet one.
+Figures are those that the README promises, with an ideal arm at 500 Hz. They are those of the recorded run in simulated
+time: how well the machine keeps its pace has no part in them.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ros_peer import FakeArm, peer_in_own_domain
+from domains import own_domain
+from ros_peer import CALM, FakeArm, peer_in_own_domain
 from support import shared_path
 
 from ik_node import catalogue
+from ik_node.clock import NS
 from ik_node.messages.decode import decode_joint_state, decode_pose
+from ik_node.recording.events import RecordedCalls
 from ik_node.recording.mcap_reader import Recording
 from ik_node.recording.reader import load_run
+from ik_node.replay.same import replay
+from ik_node.replay.simulation import simulate
+from ik_node.replay.text import as_text
+from ik_node.replay.what_if import RECORDED, figures, truth_of
+from ik_node.report.truth import FILE_NAME, read_truth
 from ik_node.se3 import pose_from
 from ik_node.settings import ArmSettings
+from ik_node.step import Mode
 
-LONGEST_PERIOD_MS = 30.0
-"""Between two ticks; the usual time-out of joint states is 100."""
+PATIENT = ("--set", "state.timeout_s=10.0", "--set", "min_rate_fraction=0.0", "--set", "follow.enabled=false")
+"""Supervision forgives a busy machine; test_controller.py is about it."""
+PATIENCE_S = 600.0
 
 
-def start(out: Path, *arguments: str) -> subprocess.Popen[str]:
-    environment = {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"}
-    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+@contextmanager
+def started(out: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    with own_domain() as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), *arguments]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE_S)
 
 
 def demo(out: Path, *arguments: str) -> tuple[dict[str, dict[str, dict[str, float]]], str]:
     """Report and printed text of a demonstration that goes to its end."""
-    process = start(out, *arguments)
-    said, _ = process.communicate(timeout=150)
+    with started(out, *PATIENT, *arguments) as process:
+        said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, said
     return json.loads((out / "report.json").read_text()), said
 
 
-def undisturbed_demo(out: Path, *arguments: str) -> tuple[Path, dict[str, dict[str, dict[str, float]]], str]:
-    """The same, once more where the machine held the processes up for so long that figures say nothing of the node."""
-    for attempt in range(3):
-        folder = out.with_name(f"{out.name}_{attempt}")
-        report, said = demo(folder, *arguments)
-        if report["ticks"]["period_max_ms"] < LONGEST_PERIOD_MS:  # type: ignore[operator]
-            break
-    return folder, report, said
+def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
+    """The recorded targets, at the recorded times, under the recorded settings: the simulated arm follows them so well.
+
+    Of the run itself, which a busy machine holds up, it is shown that every command was the controller's answer to what
+    came, and that the arm got to the end.
+    """
+    source = RecordedCalls(out / "bag")
+    found = figures(source, RECORDED, simulate(source, {}), truth_of(out / "bag", ""))
+    assert found.position_rms_mm < position_mm
+    assert found.orientation_rms_mrad < orientation_mrad
+    again = replay(source)
+    assert again.holds, as_text(source, again, 1.0)
+    run = load_run(out / "bag")
+    truth = read_truth(out / FILE_NAME)
+    last = np.isfinite(run.pose_sb[:, 0, 3]).nonzero()[0][-1]
+    assert np.linalg.norm(run.pose_sb[last, :3, 3] - truth.position[-1]) < 0.01
+    assert np.abs(run.joint_velocity).max() > 0.1
 
 
 def assert_safe(out: Path) -> None:
@@ -64,16 +94,16 @@ def assert_safe(out: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def panda_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    out, report, said = undisturbed_demo(tmp_path_factory.mktemp("demo") / "panda")
-    settled = report["tracking"]["settled"]
-    assert settled["position_rms_mm"] < 2.0, said
-    assert settled["orientation_rms_mrad"] < 4.0, said
-    yield out
+def panda_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("demo") / "panda"
+    report, said = demo(out)
+    assert np.isfinite(report["tracking"]["settled"]["position_rms_mm"]), said
+    return out
 
 
 def test_the_default_demonstration_tracks_records_and_reports(panda_run: Path) -> None:
     assert_safe(panda_run)
+    assert_follows(panda_run, 2.0, 4.0)
     picture = (panda_run / "report.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 50_000
@@ -87,7 +117,7 @@ def test_the_recording_opens_elsewhere(panda_run: Path) -> None:
         commands = [c for c in reader.connections if c.topic == "/ik_node/commands"]
         count = sum(1 for _ in reader.messages(connections=commands))
         last = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections=commands)][-1]
-    assert count > 4500
+    assert count >= len(load_run(panda_run / "bag").times_s) > 1000
     assert not last.data.any()
     read_ros2_messages = pytest.importorskip("mcap_ros2.reader").read_ros2_messages
     file = next((panda_run / "bag").glob("*.mcap"))
@@ -96,64 +126,75 @@ def test_the_recording_opens_elsewhere(panda_run: Path) -> None:
 
 
 def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None:
-    """Its joint states and targets, published again, make a fresh node command nearly what was recorded."""
-    run = load_run(panda_run / "bag")
+    """Its joint states and targets, published again in their order, reach a fresh node as they were, and are answered
+    as the controller answers them."""
+    old = load_run(panda_run / "bag")
     robot = catalogue.robot_from(ArmSettings(robot="panda"))
     messages = Recording(panda_run / "bag").messages({"/joint_states", "/ik_node/target_pose"})
     with peer_in_own_domain() as peer:
-        peer.start("node", tmp_path, ["-p", "robot:=panda"])
-        arm = FakeArm(peer, robot, run.q[0].tolist())
-        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), each=arm)
-        peer.commands.clear()
-        begin_ns, begin_s = None, time.monotonic()
-        for message in messages:
-            begin_ns = message.log_time_ns if begin_ns is None else begin_ns
-            due_s = (message.log_time_ns - begin_ns) * 1e-9
-            if due_s > 4.0:
+        recording = ["-p", "recording.enabled:=true", "-p", f"recording.directory:={tmp_path / 'bag'}"]
+        peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM, *recording])
+        arm = FakeArm(peer, robot, old.q[0].tolist())
+        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
+        begin = next(message.log_time_ns for message in messages)
+        moving_s = 4.0
+        states, targets = 0, 0
+        for message in Recording(panda_run / "bag").messages({"/joint_states", "/ik_node/target_pose"}):
+            if message.log_time_ns - begin > moving_s * NS:
                 break
-            while time.monotonic() - begin_s < due_s:
-                peer.spin(0.001)
             if message.topic == "/joint_states":
                 state = decode_joint_state(message.data)
                 peer.send_state(state.names, state.position)
+                states += 1
             else:
                 target = decode_pose(message.data)
                 peer.send_target(pose_from(target.position, target.quaternion), target.frame_id)
-        peer.spin(0.05)
-        recorded = run.joint_velocity[run.times_s < 4.0]
-        assert len(peer.commands) > 0.8 * len(recorded)
-        # Not the peaks: where the machine held one of both up, it had to catch up.
-        usual = np.percentile(np.abs(recorded), 80, axis=0)
-        again = np.percentile(np.abs(np.array(peer.commands)), 80, axis=0)
-        assert usual.max() > 0.1
-        assert np.abs(again - usual).max() < 0.2 * usual.max()
+                targets += 1
+            peer.spin(0.001)
+        assert min(states, targets) > 50
+        assert peer.processes[0].stop(signal.SIGINT, 60.0) == 0
+    new = load_run(tmp_path / "bag")
+    assert len(new.targets.position) > 0.5 * targets
+    known = {row.tobytes() for row in old.targets.position}
+    assert all(row.tobytes() in known for row in new.targets.position)
+    known = {row.tobytes() for row in old.q}
+    assert np.mean([row.tobytes() in known for row in new.q]) > 0.9
+    assert any(change.status.mode is Mode.TRACKING for change in new.statuses)
+    assert np.abs(new.joint_velocity).max() > 0.1
+    source = RecordedCalls(tmp_path / "bag")
+    again = replay(source)
+    assert again.holds, as_text(source, again, 1.0)
 
 
 def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> None:
     arguments = ("--robot", "ur5", "--target-rate", "500", "--rate", "250", "--method", "inertia_weighted")
-    out, report, said = undisturbed_demo(tmp_path / "ur5", *arguments)
-    assert report["tracking"]["settled"]["position_rms_mm"] < 1.0, said
-    assert report["tracking"]["settled"]["orientation_rms_mrad"] < 3.0, said
+    out = tmp_path / "ur5"
+    demo(out, "--trajectory", "line", *arguments)
+    assert_follows(out, 1.0, 3.0)
     assert_safe(out)
     run = load_run(out / "bag")
     assert (run.robot, run.settings["rate_hz"], run.settings["method"]) == ("ur5", 250.0, "inertia_weighted")
-    assert np.median(np.diff(run.times_s)) > 0.003
+    assert len(run.times_s) < 300.0 * run.times_s[-1], "joint states come at that rate too, or slower"
 
 
 def test_ctrl_c_ends_it_with_a_whole_recording_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "cut"
-    process = start(out)
-    deadline = time.monotonic() + 30
-    while not (out / "bag").exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=60)
-    assert process.returncode == 130, said
+    with started(out, *PATIENT) as process:
+        assert process.stdout is not None
+        # The first line about the motion is that of its beginning, the second one comes two seconds later.
+        said = ""
+        while not re.search(r"^ +[1-9][\d.]* / .* off by ", said, re.MULTILINE):
+            line = process.stdout.readline()
+            assert line, said
+            said += line
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, said + rest
     assert (out / "report.png").exists()
     assert_safe(out)
     run = load_run(out / "bag")
-    assert 1.0 < run.times_s[-1] < 8.0
+    assert 10 < len(run.targets.times_s) < 500, "of the 501 of the whole trajectory"
+    assert np.abs(run.joint_velocity).max() > 0.01
     assert not run.joint_velocity[-1].any()
 
 
@@ -162,8 +203,8 @@ def test_an_existing_folder_and_an_unknown_trajectory_are_refused(tmp_path: Path
         ((), "exists already"),
         (("--trajectory", "spiral", "--out", str(tmp_path / "new")), "spiral"),
     ):
-        process = start(tmp_path, *arguments)
-        said, _ = process.communicate(timeout=60)
+        with started(tmp_path, *arguments) as process:
+            said, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 1
         assert words in said
         assert "Traceback" not in said
@@ -171,7 +212,8 @@ def test_an_existing_folder_and_an_unknown_trajectory_are_refused(tmp_path: Path
 
 def test_a_singular_demonstration_of_a_real_hand_stays_within_its_limits(tmp_path: Path) -> None:
     path = shared_path("data", "robottasks", "openbox.npy")
-    report, said = demo(tmp_path / "box", "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
-    assert_safe(tmp_path / "box")
-    assert report["tracking"]["settled"]["position_rms_mm"] < 2.0, said
+    out = tmp_path / "box"
+    _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
+    assert_safe(out)
+    assert_follows(out, 2.0, np.inf)
     assert "lost there" in said, "passes a singularity, and says what it cost"

@@ -33,7 +33,7 @@ def test_an_unread_output_leaves_no_traceback(command: str, buffering: str) -> N
             text=True,
             cwd=PROJECT,
             env={**os.environ, "PYTHONUNBUFFERED": buffering},
-            timeout=60,
+            timeout=300,
             check=False,
         )
     finally:

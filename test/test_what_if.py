@@ -231,7 +231,7 @@ def test_the_command_prints_a_table_and_records(run: tuple[Path, Loop], tmp_path
     directory, _ = run
     arguments = [str(directory), "--method", "inertia_weighted", "--set", "gain_linear=5", "--open-loop"]
     call = [sys.executable, "-m", "ik_node.cli.replay", *arguments, "--out", str(tmp_path / "out"), "--json"]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=120, check=False, env=dict(os.environ))
+    done = subprocess.run(call, capture_output=True, text=True, timeout=600, check=False, env=dict(os.environ))
     assert done.returncode == 0, done.stderr
     document: dict[str, Any] = json.loads(done.stdout)
     assert [entry["name"] for entry in document["closed_loop"]] == ["recorded", "inertia_weighted, gain_linear=5"]

@@ -2,7 +2,7 @@
 """Sets up an environment of the project's own in .venv, with pinned versions, and runs something in it.
 
     python3 bootstrap.py demo [options of ik_demo]    node, simulated robot, trajectory, recording, report
-    python3 bootstrap.py test [options of pytest]     linters, type checks and tests
+    python3 bootstrap.py test [options of pytest]     linters, type checks and tests, on every core
     python3 bootstrap.py ik_report BAG ...            any executable of the project
 
 Needs Python 3.10 to 3.13 and nothing else. With a real ROS 2 Jazzy use colcon instead; the README shows how.
@@ -93,8 +93,10 @@ def test(options: list[str]) -> int:
         code = run(*check)
         if code:
             return code
-    print("$ pytest", *options, flush=True)
-    return run("pytest", *options)
+    # Before the caller's options, of which the last one counts: `-n 0` runs all of it in one process.
+    command = ("pytest", "-n", "auto", "--dist", "worksteal", *options)
+    print("$", *command, flush=True)
+    return run(*command)
 
 
 def main() -> int:

@@ -210,6 +210,18 @@ def test_an_existing_folder_and_an_unknown_trajectory_are_refused(tmp_path: Path
         assert "Traceback" not in said
 
 
+def test_the_beginning_of_a_real_hand_s_demonstration_is_followed(tmp_path: Path) -> None:
+    """A file of poses, at its own times, after an approach to its first pose."""
+    whole = np.load(shared_path("data", "robottasks", "openbox.npy"))
+    path, out = tmp_path / "openbox.npy", tmp_path / "box"
+    np.save(path, whole[:, :200])
+    _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
+    assert_safe(out)
+    assert_follows(out, 2.0, np.inf)
+    assert "approach of" in said
+
+
+@pytest.mark.exhaustive
 def test_a_singular_demonstration_of_a_real_hand_stays_within_its_limits(tmp_path: Path) -> None:
     path = shared_path("data", "robottasks", "openbox.npy")
     out = tmp_path / "box"

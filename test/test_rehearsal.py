@@ -75,7 +75,7 @@ print(rehearsed, len(loop.steps), compilations() - before)
 """
 
 
-@pytest.mark.parametrize("robot", ["z1", "talos_arm", "kinova"])
+@pytest.mark.parametrize("robot", ["z1", pytest.param("talos_arm", marks=pytest.mark.exhaustive), "kinova"])
 def test_every_kind_of_target_finds_everything_compiled(robot: str) -> None:
     _nothing_late([sys.executable, "-c", LOOP, str(PROJECT / "test"), robot])
 

@@ -10,10 +10,10 @@ import re
 
 import numpy as np
 import pytest
+from arms import random_position
 from loop import READY, Loop
 
 from ik_node import catalogue, collision, se3
-from ik_node.benchmark.optimum import random_position
 from ik_node.clearance import Clearance
 from ik_node.errors import RobotError
 from ik_node.inverse_kinematics import PoseSolver

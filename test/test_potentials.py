@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import ball_arm
+from arms import ball_arm, random_position
+from loop import make_robot
 
 from ik_node import bounded, collision
-from ik_node.benchmark.optimum import arm, random_position
 from ik_node.bounded import Dampers
 from ik_node.clearance import Clearance
 from ik_node.errors import InputError, SceneError
@@ -85,7 +85,7 @@ def test_repulsion_is_the_gradient_of_its_potential(base_offset: str) -> None:
 
 def test_repulsion_of_hulls_within_a_measured_tolerance() -> None:
     """Links of a Panda: nearest points on flat faces move faster than the distance changes; 1e-3 relative there."""
-    robot = arm("panda")
+    robot = make_robot("panda")
     clearance, rng, errors = Clearance(collision.load(robot)), np.random.default_rng(2), []
     for _ in range(30):
         q, scene = random_position(robot, rng), Scene()
@@ -145,7 +145,7 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
 
 def test_dexterity_is_the_gradient_along_the_null_space() -> None:
     """Against differences of its value; nothing while the arm is not stretched, nothing without a null space."""
-    robot, rng, pushed = arm("panda"), np.random.default_rng(4), 0
+    robot, rng, pushed = make_robot("panda"), np.random.default_rng(4), 0
     scale = np.repeat((1.0, 0.3), 3)
 
     def jacobian_at(q: Array) -> Array:
@@ -162,7 +162,7 @@ def test_dexterity_is_the_gradient_along_the_null_space() -> None:
         assert np.linalg.norm(found.gradient - (found.gradient @ null) * null) < 1e-9
         pushed += bool(found.gradient.any())
     assert 3 < pushed < 50
-    six = arm("ur5")
+    six = make_robot("ur5")
     assert not dexterity(lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale, 30_000.0).gradient.any()
 
 
@@ -170,7 +170,7 @@ def test_secondary_gradients() -> None:
     """Centring and posture against finite differences; gravity against Pinocchio's energy; continuous joints apart."""
     rng = np.random.default_rng(3)
     for name in ("panda", "kinova"):
-        robot = arm(name)
+        robot = make_robot(name)
         q, wanted = random_position(robot, rng), random_position(robot, rng)
         for gradient, values in (
             (posture.centring(robot, q, 2.0).gradient, [posture.centring(robot, p, 2.0).value for p in around(q)]),
@@ -181,7 +181,7 @@ def test_secondary_gradients() -> None:
         ):
             assert gradient == pytest.approx(central(values), abs=1e-7)
         assert (posture.centring(robot, q, 2.0).gradient[robot.continuous] == 0.0).all()
-    robot = arm("panda")
+    robot = make_robot("panda")
     q = random_position(robot, rng)
     energy = central([pin.computePotentialEnergy(robot.model, robot.data, p) for p in around(q)])
     assert gravity.gravity(robot.dynamics(q), 0.5).gradient == pytest.approx(0.5 * energy, abs=1e-6)
@@ -208,7 +208,7 @@ def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, sett
 def test_the_damper_stops_before_contact_and_lets_go() -> None:
     """Driven at 0.3 m/s at an obstacle on its path, the arm comes to rest at the stop distance; away from it, it leaves
     at full speed from the first ticks on, as fast as its acceleration limits allow without a damper."""
-    robot, q = arm("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     ahead = robot.pose(q)[:3, 3] + (0.0, -0.45, 0.0)
     scene = Scene().put(obstacle("post", shape("sphere", (0.1,)), at(*ahead)))
     rows = drive(robot, scene, q, np.array([0.0, -0.3, 0.0, 0.0, 0.0, 0.0]), 1500, SETTINGS)
@@ -225,7 +225,7 @@ def test_the_damper_stops_before_contact_and_lets_go() -> None:
 
 def test_an_obstacle_that_comes_nearer_by_itself() -> None:
     """A ball at 0.1 m/s against an arm told to stay: the arm gives way before it is touched."""
-    robot, q = arm("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     start = robot.pose(q)[:3, 3] + (0.0, -0.4, 0.0)
     ball = obstacle("ball", shape("sphere", (0.1,)), at(*start), velocity_s=np.array([0.0, 0.1, 0.0]))
     rows = drive(robot, Scene().put(ball), q, np.zeros(6), 1800, SETTINGS)
@@ -236,7 +236,7 @@ def test_an_obstacle_that_comes_nearer_by_itself() -> None:
 
 def test_dampers_name_only_what_can_bind() -> None:
     """Rows cost time: far or receding pairs do not appear; those that do are named link - obstacle."""
-    robot, q = arm("panda"), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
+    robot, q = make_robot("panda"), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
     clearance, qd, change = Clearance(collision.load(robot)), np.zeros(7), np.full(7, 0.02)
     near = robot.pose(q)[:3, 3] + (0.2, 0.0, 0.0)
     scene = Scene().put(obstacle("post", shape("sphere", (0.1,)), at(*near)))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arms import random_position
+from loop import make_robot
+from reference_solvers import METHODS, problem
 
 from ik_node import bounded
-from ik_node.benchmark import optimum
 from ik_node.bounded import Dampers, names_of_binding
 from ik_node.limits import conceded, joint_bounds, motion_limits
 from ik_node.resolution import IDENTITY, NO_GRADIENT
@@ -28,11 +30,11 @@ class Case:
 
     def __init__(self, name: str, seed: int, method: str) -> None:
         rng = np.random.default_rng(seed)
-        self.robot = optimum.arm(name)
-        task = optimum.problem(self.robot, method, rng)
+        self.robot = make_robot(name)
+        task = problem(self.robot, method, rng)
         n = self.robot.n
         self.limits = motion_limits(self.robot, LimitSettings(), 500.0)
-        self.q = optimum.random_position(self.robot, rng)
+        self.q = random_position(self.robot, rng)
         self.previous = rng.choice([0.0, 0.1, 1.0]) * rng.uniform(-1.0, 1.0, n) * self.limits.velocity
         self.jacobian, self.twist = task.jacobian, task.twist
         if rng.uniform() < 0.8:  # an arm on its way, told to go on, to slow down or to hurry
@@ -85,7 +87,7 @@ class Case:
         return names_of_binding(lower, upper, sides[n:] > 0, self.bounds, self.robot.joints, self.dampers.names)
 
 
-@pytest.mark.parametrize("method", optimum.METHODS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_one_pass_says_what_the_parts_say(name: str, method: str) -> None:
     usual = bound = 0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ik_node.benchmark.arms import ROBOTS, arm, random_position
 from ik_node.benchmark.loop import CONTROL, PERIOD_S, settings_of
-from ik_node.benchmark.optimum import ROBOTS, arm, random_position
+from ik_node.benchmark.parts import Found
 from ik_node.clock import NS
 from ik_node.control_law import twist_feedback
 from ik_node.errors import IkNodeError
@@ -96,21 +98,22 @@ def drive(name: str, ticks: int, seed: int, acceleration: float) -> Tally:
         beyond = float(np.maximum(q - limits.upper, limits.lower - q).max())
         position = max(position, beyond)
         at_limits += beyond > -1e-6
-    return Tally(ticks, position, velocity, change, infeasible, refused, at_limits, slowed)
+    return Tally(ticks, position, velocity, change, infeasible, refused, int(at_limits), int(slowed))
 
 
-def table(ticks: int, seed: int = 1) -> tuple[list[str], bool]:
-    """``ticks`` in total over all robots and accelerations, as lines, and whether no limit was broken."""
+def table(ticks: int, seed: int = 1, robots: Sequence[str] = ROBOTS) -> Found:
+    """``ticks`` in total over ``robots`` and accelerations, and whether no limit was broken."""
     lines = [
         f"{ticks} ticks of hostile targets: jumps, out of reach, upside down, NaN; holds of 0.2 to 5 periods",
         "robot        rad/s2    ticks  largest excess of position  velocity  acceleration   infeasible  NaN refused  "
         "at a limit  s < 1",
     ]
-    good, accelerations = True, (2.0, 10.0, 50.0)
-    each = max(1, ticks // (len(ROBOTS) * len(accelerations)))
-    for name in ROBOTS:
+    good, accelerations, rows = True, (2.0, 10.0, 50.0), list[dict[str, Any]]()
+    each = max(1, ticks // (len(robots) * len(accelerations)))
+    for name in robots:
         for acceleration in accelerations:
             tally = drive(name, each, seed, acceleration)
+            rows.append({"robot": name, "acceleration_limit": acceleration, **tally._asdict()})
             worst = max(tally.position, tally.velocity, tally.acceleration)
             good &= worst <= BROKEN and tally.infeasible == 0
             lines.append(
@@ -118,7 +121,7 @@ def table(ticks: int, seed: int = 1) -> tuple[list[str], bool]:
                 f"{tally.acceleration:13.1e} {tally.infeasible:12d} {tally.refused:12d} "
                 f"{tally.at_limits / tally.ticks:11.1%} {tally.slowed / tally.ticks:6.0%}"
             )
-    return lines, good
+    return Found(lines, good, rows)
 
 
 LANES = 2000
@@ -130,7 +133,7 @@ def _lanes(margin: float, recovery_speed: float = 0.1) -> MotionLimits:
     return MotionLimits(-ones + margin, ones - margin, 2.0 * ones, 10.0 * ones, 0.01, recovery_speed)
 
 
-def outside(seed: int = 1) -> tuple[list[str], bool]:
+def outside(seed: int = 1) -> Found:
     """Starts outside a position limit, moving out: how much further it goes, beside what no controller can avoid."""
     rng, limits = np.random.default_rng(seed), _lanes(0.0)
     q = 1.0 + 10.0 ** rng.uniform(-6.0, -0.5, LANES)
@@ -151,7 +154,9 @@ def outside(seed: int = 1) -> tuple[list[str], bool]:
         f"beyond the unavoidable at most {float(excess.max()):.1e}; back at no more than {fastest:.2f} rad/s, "
         f"all inside after {came_back:.1f} s"
     ]
-    return lines, bool(excess.max() < BROKEN and fastest <= limits.recovery_speed + BROKEN)
+    row = {"beyond_unavoidable": float(excess.max()), "fastest_back": fastest, "all_inside_after_s": came_back}
+    within = bool(excess.max() < BROKEN and fastest <= limits.recovery_speed + BROKEN)
+    return Found(lines, within, [row])
 
 
 def lagged(margin: float, noise: float, seed: int = 1, ticks: int = 5000) -> float:
@@ -173,19 +178,21 @@ def lagged(margin: float, noise: float, seed: int = 1, ticks: int = 5000) -> flo
     return worst
 
 
-def lag_table() -> tuple[list[str], bool]:
+def lag_table(ticks: int = 5000) -> Found:
     """Overshoot under lag and noise, and the margin that prevents it."""
+    rows = list[dict[str, Any]]()
     lines, good = (
         ["lag 20 ms, one sample of delay, 2 rad/s, 10 rad/s2, measured with noise; worst excess of a limit"],
         True,
     )
     for noise in (0.0, 1e-4, 1e-3):
-        bare = lagged(0.0, noise)
+        bare = lagged(0.0, noise, ticks=ticks)
         margin = 1.1 * max(bare, 0.0)
-        rest = lagged(margin, noise, seed=2)
+        rest = lagged(margin, noise, seed=2, ticks=ticks)
+        rows.append({"noise": noise, "bare": bare, "margin": margin, "rest": rest})
         good &= rest <= BROKEN
         lines.append(
             f"  noise {noise:.0e} rad: {bare * 1e3:7.2f} mrad without a margin; "
             f"limits.position_margin of {margin * 1e3:.2f} mrad leaves {rest * 1e3:+.2f} mrad"
         )
-    return lines, good
+    return Found(lines, good, rows)

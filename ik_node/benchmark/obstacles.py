@@ -6,14 +6,15 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ik_node import collision, se3
 from ik_node.benchmark import scenes
+from ik_node.benchmark.arms import arm, random_position
 from ik_node.benchmark.loop import PERIOD_S
-from ik_node.benchmark.optimum import arm, random_position
-from ik_node.benchmark.parts import Part, print_parts
+from ik_node.benchmark.parts import Found, Part, print_parts
 from ik_node.clearance import Clearance
 from ik_node.potentials.avoidance import look_around
 from ik_node.scene import Scene, obstacle, shape
@@ -21,9 +22,10 @@ from ik_node.se3 import Array
 from ik_node.settings import ObstacleSettings
 
 
-def gradients(positions: int, seed: int) -> tuple[list[str], bool]:
+def gradients(positions: int, seed: int) -> Found:
     """grad_h against central differences: balls exactly, hulls as measured; both sides of contact."""
     rng, lines, good = np.random.default_rng(seed), [], True
+    rows = list[dict[str, Any]]()
     for name, kind, size in (
         ("z1", "sphere", (0.08,)),
         ("panda", "sphere", (0.08,)),
@@ -61,14 +63,16 @@ def gradients(positions: int, seed: int) -> tuple[list[str], bool]:
                 errors.append(float(np.abs(gradient - reference).max() / np.abs(reference).max()))
                 inside += nearest < 0.0
         good &= float(np.quantile(errors, 0.9)) < 2e-3
+        median, most = float(np.median(errors)), float(np.quantile(errors, 0.9))
+        rows.append({"robot": name, "shape": kind, "compared": len(errors), "median": median, "most": most})
         lines.append(
             f"  {name:6} against {kind:9}: {len(errors)} positions in range, {inside} in penetration; relative error "
             f"median {np.median(errors):.1e}, 90 % {np.quantile(errors, 0.9):.1e}, worst {max(errors):.1e}"
         )
-    return lines, good
+    return Found(lines, good, rows)
 
 
-def speed(ticks: int = 3000) -> tuple[list[str], bool]:
+def speed(ticks: int = 3000) -> Found:
     """What looking around costs a tick."""
     robot, rng = arm("panda"), np.random.default_rng(1)
     geometry, lines = collision.load(robot), []
@@ -91,10 +95,10 @@ def speed(ticks: int = 3000) -> tuple[list[str], bool]:
             f"10 % {np.quantile(taken, 0.1) * 1e6:.0f} us, median {np.median(taken) * 1e6:.0f} us, "
             f"99 % {np.quantile(taken, 0.99) * 1e6:.0f} us"
         )
-    return lines, True
+    return Found(lines, True)
 
 
-def conservative() -> tuple[list[str], bool]:
+def conservative() -> Found:
     """By how much the hulls stand off the links, and which pairs are watched."""
     lines = []
     for name in ("panda", "ur5", "ur10", "ur3", "xarm7", "kinova", "talos_arm"):
@@ -104,7 +108,7 @@ def conservative() -> tuple[list[str], bool]:
         left_out = [pair for pair in geometry.pairs if not pair.watched and pair.reason != "joined by one joint"]
         lines.append(f"  {name}: {len(geometry.watched())} pairs watched; hull off the mesh, mm: {worst}")
         lines += [f"    not watched: {pair.first} - {pair.second}: {pair.reason}" for pair in left_out]
-    return lines, True
+    return Found(lines, True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -114,7 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--anywhere", action="store_true", help="obstacles out of the null space's reach too")
     parser.add_argument("--positions", type=int, default=300, help="positions for the gradients, each kind")
     parser.add_argument("--seed", type=int, default=1, help="of everything random")
-    parser.add_argument("--only", choices=("scenes", "path", "gradients", "speed", "geometry"), help="one part")
+    parser.add_argument("--only", choices=("scenes", "path", "gradients", "speed", "geometry"), nargs="+", default=[])
+    parser.add_argument("--json", action="store_true", help="one JSON object per row instead of the tables")
     options = parser.parse_args(arguments)
     parts: dict[str, Part] = {
         "geometry": conservative,
@@ -123,11 +128,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "path": lambda: _both(scenes.on_the_path("ur5"), scenes.on_the_path("panda")),
         "speed": speed,
     }
-    return print_parts(parts, options.only)
+    return print_parts(parts, options.only, options.json)
 
 
-def _both(first: tuple[list[str], bool], second: tuple[list[str], bool]) -> tuple[list[str], bool]:
-    return first[0] + second[0], first[1] and second[1]
+def _both(first: Found, second: Found) -> Found:
+    return Found(first.lines + second.lines, first.within and second.within, [*first.rows, *second.rows])
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node import collision
+from ik_node.benchmark.arms import arm
 from ik_node.benchmark.loop import PERIOD_S, Run, follow, settings_of
-from ik_node.benchmark.optimum import arm
+from ik_node.benchmark.parts import Found
 from ik_node.benchmark.singularities import Sweep, decompose, solve
 from ik_node.clearance import Clearance
 from ik_node.outcome import Moment
@@ -138,7 +139,7 @@ def pass_by(seed: int, robot: Robot, geometry: collision.Geometry, anywhere: boo
     )
 
 
-def table(count: int, seed: int, anywhere: bool = False) -> tuple[list[str], bool]:
+def table(count: int, seed: int, anywhere: bool = False) -> Found:
     """``count`` seeded scenes on the Panda, as lines, and whether the gradient kept its word."""
     robot = arm("panda")
     geometry = collision.load(robot, self_collision=False)
@@ -160,10 +161,11 @@ def table(count: int, seed: int, anywhere: bool = False) -> tuple[list[str], boo
         f"gained: median {np.median(gained):.1f} mm, worst {gained.min():+.1f} mm; tool path moved by at most "
         f"{moved:.4f} mm RMS"
     )
-    return lines, bool(np.median(gained) >= 30.0 and gained.min() >= -1.0 and moved < 0.1)
+    within = bool(np.median(gained) >= 30.0 and gained.min() >= -1.0 and moved < 0.1)
+    return Found(lines, within, [one._asdict() for one in found])
 
 
-def on_the_path(name: str = "ur5") -> tuple[list[str], bool]:
+def on_the_path(name: str = "ur5") -> Found:
     """Straight at an obstacle and back: where it stops, how fast it leaves, beside the same way back without it."""
     robot = arm(name)
     ruler = Clearance(collision.load(robot, self_collision=False))
@@ -195,7 +197,7 @@ def on_the_path(name: str = "ur5") -> tuple[list[str], bool]:
                 f"waits at {stopped * 1e3:5.1f} mm; way back at up to {fastest[0]:.3f} m/s "
                 f"({fastest[1]:.3f} without it), ends {left * 1e3:.2f} mm from its target"
             )
-    return lines, good
+    return Found(lines, good)
 
 
 def _tool_speed(poses: Array) -> float:

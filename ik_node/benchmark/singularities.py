@@ -3,12 +3,13 @@ filter alone. Reachable and unreachable targets, exact starts, starts 1e-12 rad 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ik_node import se3
+from ik_node.benchmark.arms import arm
 from ik_node.benchmark.loop import (
     LENGTH,
     PERIOD_S,
@@ -23,7 +24,7 @@ from ik_node.benchmark.loop import (
     settings_of,
     sign_changes,
 )
-from ik_node.benchmark.optimum import arm
+from ik_node.benchmark.parts import Found
 from ik_node.robot import Robot
 from ik_node.se3 import Array
 from ik_node.settings import Settings
@@ -213,6 +214,9 @@ class Figures(NamedTuple):
     """Longest time without full tracking while the target was within reach; after it came back in reach."""
     needless_s: float
     """The same, less the least time in which the joints can make the way that they made meanwhile."""
+    left_m: float
+    """Distance from the target at the end, at rest."""
+    left_rad: float
 
 
 REST_S = 1.5
@@ -270,6 +274,8 @@ def measure(drive: Drive, way: Callable[[Robot, Settings], Way], settings: Setti
         float((1.0 - run.pace).sum() * PERIOD_S),
         longest,
         needless,
+        float(run.error_m[-1]),
+        float(run.error_rad[-1]),
     )
     return figures, run
 
@@ -293,8 +299,12 @@ def least_time(way: Array, speed: Array, fastest: Array, settings: Settings) -> 
     return float(np.max(np.where(distance > 0.0, ramp + np.maximum(distance - ramp_way, 0.0) / fastest, 0.0)))
 
 
-def table(only: str = "", settings: Settings = SETTINGS) -> tuple[list[str], bool]:
-    """Every drive whose name holds ``only``, three ways, as lines; and whether ours stayed within its bounds."""
+WAYS = {"ours": ours, "slow": exact, "fade": faded}
+"""This package's, and its two ancestors'."""
+
+
+def table(only: Sequence[str] = ("",), ways: Sequence[str] = tuple(WAYS), settings: Settings = SETTINGS) -> Found:
+    """Every drive whose name holds one of ``only``, in ``ways``; and whether ours stayed within its bounds."""
     acceleration = settings.limits.acceleration[0]
     lines = [
         f"driven at 0.15 m/s, {acceleration:g} rad/s2, 500 Hz; slow: V as it is, fade: filter of 0.05 m",
@@ -302,22 +312,23 @@ def table(only: str = "", settings: Settings = SETTINGS) -> tuple[list[str], boo
         f"{'more than':>11}",
         f"{'':46}{'speed':>7}{'changes':>9}{'mm':>8}{'mrad':>11}{'s':>9}{'target mm':>10}{'s':>11}{'needed s':>11}",
     ]
-    good, found = True, list[tuple[str, Figures]]()
+    good, found, rows = True, list[tuple[str, Figures]](), list[dict[str, Any]]()
     for drive in drives():
         name = f"{drive.place.name}: {drive.label}"
-        if only not in name:
+        if not any(part in name for part in only):
             continue
-        for way, means in (("ours", ours), ("slow", exact), ("fade", faded)):
-            figures, _ = measure(drive, means, settings)
+        for way in ways:
+            figures, _ = measure(drive, WAYS[way], settings)
             found.append((way, figures))
+            rows.append({"drive": name, "way": way, **figures._asdict()})
             if way == "ours":
                 good &= figures.speed <= 1.0 + 1e-9 and figures.changes <= 12 and figures.needless_s <= LONGEST_S
             lines.append(
-                f"{name if way == 'ours' else '':40}{way:6}{figures.speed:7.2f}{figures.changes:9d}"
+                f"{name if way == ways[0] else '':40}{way:6}{figures.speed:7.2f}{figures.changes:9d}"
                 f"{figures.path_m * 1e3:8.2f}{figures.path_rad * 1e3:11.1f}{figures.slowed_s:9.2f}"
                 f"{figures.error_m * 1e3:10.1f}{figures.untracked_s:11.2f}{figures.needless_s:11.2f}"
             )
-    for way in ("ours", "slow", "fade"):
+    for way in ways:
         mine = [figures for name, figures in found if name == way]
         if mine:
             path = [np.hypot(f.path_m, LENGTH * f.path_rad) * 1e3 for f in mine]
@@ -328,4 +339,4 @@ def table(only: str = "", settings: Settings = SETTINGS) -> tuple[list[str], boo
                 f"worst {max(f.untracked_s for f in mine):.2f} s, {max(f.needless_s for f in mine):.2f} s more than "
                 f"the joints need; most sign changes {max(f.changes for f in mine)}"
             )
-    return lines, good
+    return Found(lines, good, rows)

@@ -12,7 +12,7 @@ from ik_node.errors import IkNodeError
 
 PARTS = {
     "ik": ("ik_node.benchmark.ik", "inverse kinematics: random poses solved, time, published tables beside it"),
-    "limits": ("ik_node.benchmark.limits", "the bounded optimum, hostile targets, lag and noise, singularities"),
+    "limits": ("ik_node.benchmark.limits", "hostile targets, starts outside, lag and noise, singularities"),
     "obstacles": ("ik_node.benchmark.obstacles", "gradients, scenes driven past, obstacles on the path, speed"),
     "recording": ("ik_node.benchmark.recording", "what recording costs the loop, what a kill costs it, a long run"),
     "replay": ("ik_node.benchmark.replay", "runs of the node with every method, replayed bit for bit, and how fast"),

@@ -1,6 +1,6 @@
 """The bounded optimum against independent solvers: a linear program for s (scipy's HiGHS), an equality-constrained
 least cost on the bounds that are active, the signs of their multipliers, and DAQP on the whole problem where nothing
-binds."""
+binds. They share no code with the package."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
+from arms import random_position
 from scipy.optimize import linprog, lsq_linear
 
-from ik_node import bounded, catalogue
+from ik_node import bounded
 from ik_node.limits import joint_bounds, motion_limits
 from ik_node.robot import Robot
 from ik_node.se3 import Array
-from ik_node.settings import ArmSettings, LimitSettings
+from ik_node.settings import LimitSettings
 
 ROBOTS = ("panda", "ur5", "ur10", "talos_arm", "xarm7", "kinova")
 METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
@@ -52,18 +53,6 @@ class Check(NamedTuple):
     """By how much the stationarity condition fails with multipliers of the right sign; 0 at the optimum."""
     closed_form_difference: float
     """Largest entry of closed form minus DAQP, rad/s; NaN where something binds."""
-
-
-def arm(name: str) -> Robot:
-    """A robot of example-robot-data by name."""
-    return catalogue.robot_from(ArmSettings(robot=name))
-
-
-def random_position(robot: Robot, rng: np.random.Generator) -> Array:
-    """q, (n,), uniform in the limits, in one turn where there are none."""
-    lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
-    upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
-    return rng.uniform(lower, upper)
 
 
 def problem(robot: Robot, method: str, rng: np.random.Generator) -> Problem:
@@ -188,38 +177,3 @@ def whole_program(task: Problem, weight: Array, pull: Array) -> Array:
     jacobian = np.ascontiguousarray(task.jacobian)
     qd, _, flag, _ = daqp.solve(np.ascontiguousarray(weight), pull, jacobian, upper, lower, sense, primal_tol=1e-10)
     return np.asarray(qd) if flag == 1 else np.full(n, np.nan)
-
-
-def table(states: int, seed: int = 1) -> tuple[list[str], bool]:
-    """The figures of ``states`` problems for each robot and method as lines, and whether all are in their bounds."""
-    lines = [
-        f"{states} random states and twists each; at most:",
-        f"{'robot':10} {'method':18} binds  s < 1  over a bound  J qd - goal   s - scipy's   off V - its   "
-        "cost          stationarity  closed - DAQP",
-    ]
-    good = True
-    for name in ROBOTS:
-        robot = arm(name)
-        for number, method in enumerate(METHODS):
-            rng = np.random.default_rng([seed, number, *name.encode()])
-            checks = [check(problem(robot, method, rng)) for _ in range(states)]
-            figures = Check(*(np.array(column) for column in zip(*checks, strict=True)))  # type: ignore[arg-type]
-            unsolved = int(np.isnan(figures.scale_difference).sum())
-            closed = np.abs(np.append(np.asarray(figures.closed_form_difference), np.nan))
-            worst = (
-                float(np.max(figures.trespass)),
-                float(np.max(figures.residual)),
-                float(np.nanmax(np.abs(figures.scale_difference))),
-                float(np.max(np.abs(figures.deviation_difference))),
-                float(np.max(np.abs(figures.cost_difference))),
-                float(np.max(figures.multiplier_error)),
-                float(np.nanmax(closed)) if np.isfinite(closed).any() else 0.0,
-            )
-            good &= all(w <= bound for w, bound in zip(worst, (1e-9, 1e-9, 1e-6, 5e-6, 1e-6, 1e-6, 1e-8), strict=True))
-            slowed = np.mean(np.asarray(figures.scale) < 1.0)
-            lines.append(
-                f"{name:10} {method:18} {np.mean(figures.binds):5.0%}  {slowed:5.0%}  "
-                + "  ".join(f"{w:12.1e}" for w in worst)
-                + (f"  scipy failed on {unsolved}" if unsolved else "")
-            )
-    return lines, good

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -262,6 +262,25 @@ class FigureOfEight:
         return pose
 
 
+class Screw:
+    """Constant velocity, 0.1 m/s and 0.5 rad/s: the lag of P control is known in closed form."""
+
+    duration_s = 6.0
+
+    def pose(self, time_s: float) -> Array:
+        """T_sd, (4, 4)."""
+        pose = np.eye(4)
+        pose[:3, :3] = se3.exp_rotation(np.array((0.0, 0.0, 0.5 * time_s)))
+        pose[0, 3] = 0.1 * time_s
+        return pose
+
+
+def screw(rate_hz: float) -> Stream:
+    """Poses of :class:`Screw`."""
+    times, truth = np.arange(0.0, 6.0, 1.0 / rate_hz), Screw()
+    return Stream(f"screw {rate_hz:g} Hz", times, np.array([truth.pose(time) for time in times.tolist()]), truth)
+
+
 class Wander:
     """A hand that does not know where it goes: sines of many frequencies up to 3 Hz, in every direction."""
 
@@ -400,17 +419,26 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of real recordings")
     parser.add_argument("--rates", type=float, nargs="+", default=[20.0, 33.0], help="Hz, to decimate recordings to")
     parser.add_argument("--seeds", type=int, default=1, help="how many draws of the dirt")
-    parser.add_argument("--only", default="", help="streams whose name holds this")
+    parser.add_argument("--made-rates", type=float, nargs="+", default=[20.0, 50.0, 500.0], help="Hz, of made streams")
+    parser.add_argument("--only", nargs="+", default=[""], help="streams whose name begins with one of these")
+    parser.add_argument(
+        "--followers", nargs="+", default=[], help="beside ours and P control; all of them if not given"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object per line instead of the table")
     options = parser.parse_args(arguments)
-    made = ((make(rate), (CLEAN, STAMPED, UNSTAMPED)) for make in (eight, wander) for rate in (20.0, 50.0, 500.0))
-    noisy = ((eight(rate, 2e-4, 1e-3), (CLEAN,)) for rate in (20.0, 50.0, 500.0))
+    made = ((make(rate), (CLEAN, STAMPED, UNSTAMPED)) for make in (screw, eight, wander) for rate in options.made_rates)
+    noisy = ((eight(rate, 2e-4, 1e-3), (CLEAN,)) for rate in options.made_rates)
+    every = followers()
+    names = [*list(every)[:2], *(options.followers or list(every)[2:])]
+    if unknown := [name for name in names if name not in every]:
+        parser.error(f"unknown follower '{unknown[0]}'; valid: {', '.join(every)}")
+    chosen = {name: every[name] for name in names}
     if not options.json:
         print(_HEAD)
     for stream, dirts in (*made, *noisy, *real(options.data, options.rates)):
-        for dirt in dirts if options.only in stream.name else ():
+        for dirt in dirts if stream.name.startswith(tuple(options.only)) else ():
             for seed in range(options.seeds if dirt.lost else 1):
-                _compare(stream, dirt, seed, options.json)
+                _compare(stream, dirt, seed, chosen, options.json)
     return 0
 
 
@@ -419,15 +447,19 @@ peak acceleration over 20 ms, of position (mm, m/s2) and of orientation (mrad, r
 """
 
 
-def _compare(stream: Stream, dirt: Dirt, seed: int, as_json: bool) -> None:
+def _compare(
+    stream: Stream, dirt: Dirt, seed: int, chosen: Mapping[str, Callable[[], Follower]], as_json: bool
+) -> None:
     samples = sent(stream, dirt, seed)
-    results = {name: figures(follow(make(), stream, samples), stream) for name, make in followers().items()}
+    results = {name: figures(follow(make(), stream, samples), stream) for name, make in chosen.items()}
     ours, rival = list(results.values())[:2]
     judged = verdict(ours, rival, float(np.median(np.diff(stream.times_s))))
     if as_json:
         for name, (linear, angular) in results.items():
             row = {"stream": stream.name, "dirt": dirt.name, "seed": seed, "follower": name}
             print(json.dumps({**row, "position": linear._asdict(), "orientation": angular._asdict()}), flush=True)
+        about = {"stream": stream.name, "dirt": dirt.name, "seed": seed}
+        print(json.dumps({**about, "verdict": judged._asdict()}), flush=True)
         return
     missed = [f"{name} {value:.2f}" for name, value in judged._asdict().items() if value > 1.0]
     print(f"{stream.name}, {dirt.name}, draw {seed}: {'above 1: ' + ', '.join(missed) if missed else 'all met'}")

@@ -28,7 +28,7 @@ from ik_node.benchmark.streams import CLEAN, STAMPED, Dirt, Stream
 from ik_node.benchmark.tracking_arm import Simulator
 from ik_node.benchmark.tracking_rows import Bench, Demand, Row, known_demands, order_demand, stream_demands
 from ik_node.benchmark.tracking_targets import READY, known, laid_at, panda, start_of_streams
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, InputError
 from ik_node.inverse_kinematics import PoseSolver
 from ik_node.robot import Robot
 from ik_node.se3 import Array
@@ -38,7 +38,10 @@ NOISE_RAD = 2e-5
 KNOWN_RATES_HZ = (250.0, 500.0, 1000.0)
 STREAM_RATE_HZ = 500.0
 DECIMATED_HZ = 30.0
+LEAST_S = 0.75
+"""Of a target: half a second is left out, and figures over 20 ms have to be there."""
 ASKED = ("task board", "camera", "letter h", "letter e", "co-manipulation")
+ARMS = ("ideal", "lagged")
 PARTS = ("known", "made", "real", "dds")
 
 
@@ -50,11 +53,15 @@ class Options(NamedTuple):
     seed: int
     name: str
     as_json: bool
+    rates_hz: tuple[float, ...] = KNOWN_RATES_HZ
+    arms: tuple[str, ...] = ARMS
+    searched: bool = True
 
 
-def simulators(seed: int) -> tuple[Simulator, Simulator]:
-    """The ideal and the lagged one."""
-    return Simulator("ideal"), Simulator("lagged", 0.02, True, NOISE_RAD, seed)
+def simulators(options: Options) -> list[Simulator]:
+    """The ideal and the lagged one, as far as they are wanted."""
+    both = Simulator("ideal"), Simulator("lagged", 0.02, True, NOISE_RAD, options.seed)
+    return [simulator for simulator in both if simulator.name in options.arms]
 
 
 def resting_at(robot: Robot, pose: Array) -> Array:
@@ -72,18 +79,18 @@ def known_part(options: Options) -> Iterator[tuple[str, list[Row], list[Demand]]
         if options.name not in target.name:
             continue
         ideal: list[Row] = []
-        for rate_hz in KNOWN_RATES_HZ:
-            stream = target.stream(rate_hz)
-            for simulator in simulators(options.seed):
+        for rate_hz in options.rates_hz:
+            stream = streams.first_seconds(target.stream(rate_hz), options.seconds)
+            for simulator in simulators(options):
                 bench = Bench(robot, READY, simulator, stream, streams.sent(stream, PROMPT, 0), panda(rate_hz)[1])
-                rows = [bench.node(target.message), *bench.rivals()]
+                rows = [bench.node(target.message), *bench.rivals(options.searched)]
                 if simulator.lag_s:
                     rows.insert(1, bench.untold_node(target.message))
                 else:
                     ideal.append(rows[0])
                 title = f"{target.name}, {rate_hz:g} Hz, {simulator.name}"
                 yield title, rows, known_demands(title, simulator, rate_hz, rows)
-        yield f"{target.name}, ideal: error over tick", [], order_demand(target.name, KNOWN_RATES_HZ, ideal)
+        yield f"{target.name}, ideal: error over tick", [], order_demand(target.name, options.rates_hz, ideal)
 
 
 PROMPT = Dirt("at every tick", stamped=False)
@@ -116,10 +123,10 @@ def stream_part(part: str, options: Options) -> Iterator[tuple[str, list[Row], l
             continue
         stream = streams.first_seconds(whole, options.seconds)
         samples = streams.sent(stream, dirt, options.seed)
-        for simulator in simulators(options.seed):
+        for simulator in simulators(options):
             start = resting_at(robot, stream.poses[0])
             bench = Bench(robot, start, simulator, stream, samples, settings)
-            node, rivals = bench.node(), bench.rivals()
+            node, rivals = bench.node(), bench.rivals(options.searched)
             title = f"{stream.name}, {dirt.name}, {simulator.name}"
             other = bench.untold_node() if simulator.lag_s else bench.unlimited_node()
             yield title, [node, other, *rivals], stream_demands(title, stream, node, rivals[0])
@@ -133,7 +140,12 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of real recordings")
     result.add_argument("--only", choices=PARTS, help="one part instead of all")
     result.add_argument("--name", default="", help="targets whose name holds this")
-    result.add_argument("--seconds", type=float, default=120.0, help="of each stream; 0: all of it [%(default)s]")
+    result.add_argument("--seconds", type=float, default=120.0, help="of each target; 0: all of it [%(default)s]")
+    result.add_argument(
+        "--rates", type=float, nargs="+", default=KNOWN_RATES_HZ, help="Hz, known targets [%(default)s]"
+    )
+    result.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS, help="[%(default)s]")
+    result.add_argument("--no-search", action="store_true", help="leave out the rivals at their best gains")
     result.add_argument("--seed", type=int, default=0, help="of noise and of what happens to samples [%(default)s]")
     result.add_argument("--dds", action="store_true", help="the streams over DDS too, to the node as ik_demo runs it")
     result.add_argument("--json", action="store_true", help="one object per line instead of the tables")
@@ -143,7 +155,20 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the figures; 1 when a demand is missed."""
     given = parser().parse_args(arguments)
-    options = Options(given.data, given.seconds, given.seed, given.name, given.json)
+    if 0.0 < given.seconds < LEAST_S:
+        raise InputError(
+            f"--seconds is {given.seconds:g}; expected 0 or at least {LEAST_S:g}: the begin is not counted"
+        )
+    options = Options(
+        given.data,
+        given.seconds,
+        given.seed,
+        given.name,
+        given.json,
+        tuple(given.rates),
+        tuple(given.arms),
+        not given.no_search,
+    )
     parts = [given.only] if given.only else [part for part in PARTS if part != "dds" or given.dds]
     demands: list[Demand] = []
     if not options.as_json:

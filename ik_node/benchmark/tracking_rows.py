@@ -136,8 +136,13 @@ class Bench:
         """The node without acceleration limits to speak of, as the rivals are."""
         return self.node(None, f"{NODE}, no acc. limit", {"limits.acceleration": (NO_LIMIT,)})
 
-    def rivals(self) -> list[Row]:
-        """P control at :data:`~ik_node.benchmark.streams.GAIN`, at its best gain, and the whole error clipped."""
+    def rivals(self, searched: bool = True) -> list[Row]:
+        """P control at :data:`~ik_node.benchmark.streams.GAIN`, at its best gain, and the whole error clipped.
+
+        Only the first where the best gains are not to be ``searched`` for.
+        """
+        if not searched:
+            return [self.row(SLOW_P, Rival(self._robot, Proportional(GAIN)))]
         target = TargetSettings()
         speeds = target.max_linear_speed, target.max_angular_speed
         return [

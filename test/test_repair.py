@@ -75,11 +75,12 @@ def assert_whole(directory: Path, wanted: Written) -> None:
         assert sorted((c.topic, bytes(data), stamp) for c, stamp, data in rosbags.messages()) == sorted(wanted)
 
 
+@pytest.mark.parametrize("draws", [8, pytest.param(400, marks=pytest.mark.exhaustive)])
 @pytest.mark.parametrize("compression", sorted(COMPRESSORS))
-def test_cut_off_anywhere_it_becomes_whole(tmp_path: Path, compression: str) -> None:
-    write_sample(tmp_path / "bag", STEPWISE._replace(compression=compression), count=150)
+def test_cut_off_anywhere_it_becomes_whole(tmp_path: Path, compression: str, draws: int) -> None:
+    write_sample(tmp_path / "bag", STEPWISE._replace(compression=compression), count=80)
     whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
-    lengths = random.Random(1).sample(range(60, len(whole)), 25)
+    lengths = random.Random(1).sample(range(60, len(whole)), draws)
     tail = whole.index(b"rosbag2", len(whole) // 2) - 30  # after the last chunk: indexes, metadata, summary
     for length in (*lengths, *range(tail - 120, tail + 60, 13), len(whole) - 1):
         bag = cut(tmp_path / "cut", whole, length)
@@ -102,7 +103,7 @@ def test_a_repair_that_is_cut_off_itself_can_be_done_again(tmp_path: Path) -> No
     wanted = read_back(bag)
     repair(bag)
     repaired = (bag / "bag_0.mcap").read_bytes()
-    for length in range(len(repaired) - 1, 2 * len(whole) // 3, -331):
+    for length in range(len(repaired) - 1, 2 * len(whole) // 3, -997):
         bag = cut(tmp_path / "again", repaired, length)
         assert read_back(bag) == wanted
         repair(bag)
@@ -165,7 +166,7 @@ def test_one_file_alone_is_repaired(tmp_path: Path) -> None:
 def test_zeros_that_a_power_cut_leaves_at_the_end_are_removed(tmp_path: Path) -> None:
     write_sample(tmp_path / "bag", STEPWISE, count=50)
     whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
-    for length in range(2000, len(whole), 501):
+    for length in range(2000, len(whole), 997):
         bag = cut(tmp_path / "cut", whole[:length], length)
         wanted = read_back(bag)
         bag = cut(tmp_path / "cut", whole[:length] + bytes(4096), length + 4096)

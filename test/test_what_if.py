@@ -18,6 +18,7 @@ import pytest
 from loop import Loop
 from made_steps import same_bits
 from recorded_loop import finish, record, recorded_loop
+from waiting import ENOUGH_S
 
 from ik_node.cli import replay as command
 from ik_node.errors import InputError, RecordingError, SettingsError
@@ -231,7 +232,7 @@ def test_the_command_prints_a_table_and_records(run: tuple[Path, Loop], tmp_path
     directory, _ = run
     arguments = [str(directory), "--method", "inertia_weighted", "--set", "gain_linear=5", "--open-loop"]
     call = [sys.executable, "-m", "ik_node.cli.replay", *arguments, "--out", str(tmp_path / "out"), "--json"]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=600, check=False, env=dict(os.environ))
+    done = subprocess.run(call, capture_output=True, text=True, timeout=ENOUGH_S, check=False, env=dict(os.environ))
     assert done.returncode == 0, done.stderr
     document: dict[str, Any] = json.loads(done.stdout)
     assert [entry["name"] for entry in document["closed_loop"]] == ["recorded", "inertia_weighted, gain_linear=5"]

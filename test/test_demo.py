@@ -19,20 +19,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from domains import own_domain
+from loop import Loop
 from ros_peer import CALM, FakeArm, peer_in_own_domain
 from support import shared_path
 
-from ik_node import catalogue
+from ik_node import catalogue, se3
 from ik_node.clock import NS
 from ik_node.messages.decode import decode_joint_state, decode_pose
 from ik_node.recording.events import RecordedCalls
 from ik_node.recording.mcap_reader import Recording
 from ik_node.recording.reader import load_run
 from ik_node.replay.same import replay
-from ik_node.replay.simulation import simulate
 from ik_node.replay.text import as_text
-from ik_node.replay.what_if import RECORDED, figures, truth_of
-from ik_node.report.truth import FILE_NAME, read_truth
+from ik_node.report.truth import FILE_NAME, Truth, read_truth
 from ik_node.se3 import pose_from
 from ik_node.settings import ArmSettings
 from ik_node.step import Mode
@@ -40,6 +39,7 @@ from ik_node.step import Mode
 PATIENT = ("--set", "state.timeout_s=10.0", "--set", "min_rate_fraction=0.0", "--set", "follow.enabled=false")
 """Supervision forgives a busy machine; test_controller.py is about it."""
 PATIENCE_S = 600.0
+POSITION, TURN = slice(0, 3), slice(3, 6)
 
 
 @contextmanager
@@ -66,22 +66,68 @@ def demo(out: Path, *arguments: str) -> tuple[dict[str, dict[str, dict[str, floa
     return json.loads((out / "report.json").read_text()), said
 
 
-def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
-    """The recorded targets, at the recorded times, under the recorded settings: the simulated arm follows them so well.
+def errors_in_simulated_time(bag: Path, truth: Truth) -> tuple[float, float]:
+    """Position, mm, and orientation, mrad, rms, of an arm to which the targets come when their stamps say.
 
-    Of the run itself, which a busy machine holds up, it is shown that every command was the controller's answer to what
-    came, and that the arm got to the end.
+    Those that arrived lie on the trajectory; those that a busy machine lost are taken from it.
     """
+    source, targets = RecordedCalls(bag), load_run(bag).targets
+    frame = targets.frame_ids[0]
+    assert set(targets.frame_ids) == {frame}
+    approach = targets.stamp_ns < truth.ros_ns[0]
+    arrived = targets.stamp_ns[~approach]
+    on_the_way = truth.at(arrived)
+    assert np.abs(targets.position[~approach] - on_the_way.position).max() < 1e-4
+    turned = (targets.quaternion_xyzw[~approach] * on_the_way.quaternion).sum(axis=1)
+    assert np.abs(turned).min() > 1.0 - 1e-6
+    grid = np.arange(truth.ros_ns[0], truth.ros_ns[-1], np.diff(arrived).min())
+    stamps = [*targets.stamp_ns[approach].tolist(), *grid.tolist()]
+    wanted = truth.at(grid)
+    places = np.vstack((targets.position[approach], wanted.position))
+    quaternions = np.vstack((targets.quaternion_xyzw[approach], wanted.quaternion))
+
+    loop = Loop(source.robot(), load_run(bag).q[0], source.begins_with)
+    loop.run(0.05)
+    later_ns = loop.now.ros_ns - stamps[0]
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
+        while sent < len(stamps) and stamps[sent] + later_ns <= loop.now.ros_ns:
+            loop.target(pose_from(places[sent], quaternions[sent]), stamps[sent] + later_ns, frame)
+            sent += 1
+
+    loop.run((stamps[-1] - stamps[0]) / NS, send)
+    ros_ns = np.array([step.now.ros_ns for step in loop.steps]) - later_ns
+    within = np.flatnonzero((ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]))
+    assert len(within) > 200
+    wanted = truth.at(ros_ns[within])
+    errors = [
+        se3.log(se3.inverse(loop.steps[row].pose_sb) @ pose_from(*pose))
+        for row, *pose in zip(within, wanted.position, wanted.quaternion, strict=True)
+    ]
+    position, orientation = (np.sqrt((np.array(errors)[:, part] ** 2).sum(axis=1).mean()) for part in (POSITION, TURN))
+    return 1e3 * float(position), 1e3 * float(orientation)
+
+
+def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
+    """The streamed targets, under the recorded settings, lead a simulated arm so near to the trajectory.
+
+    Of the run itself it is shown that every command was the controller's answer to what came, and that the arm moved.
+    Not how near it came: where a machine holds the node up for half a second, the arm goes on with a command that has
+    long been wrong, and is far away. That a node leads an arm to where it should be is shown in test_node.py, which
+    waits for it.
+    """
+    truth = read_truth(out / FILE_NAME)
+    position, orientation = errors_in_simulated_time(out / "bag", truth)
+    assert position < position_mm, (position, orientation)
+    assert orientation < orientation_mrad
     source = RecordedCalls(out / "bag")
-    found = figures(source, RECORDED, simulate(source, {}), truth_of(out / "bag", ""))
-    assert found.position_rms_mm < position_mm
-    assert found.orientation_rms_mrad < orientation_mrad
     again = replay(source)
     assert again.holds, as_text(source, again, 1.0)
     run = load_run(out / "bag")
-    truth = read_truth(out / FILE_NAME)
-    last = np.isfinite(run.pose_sb[:, 0, 3]).nonzero()[0][-1]
-    assert np.linalg.norm(run.pose_sb[last, :3, 3] - truth.position[-1]) < 0.01
+    went = np.nanmax(run.pose_sb[:, :3, 3], axis=0) - np.nanmin(run.pose_sb[:, :3, 3], axis=0)
+    assert went.max() > 0.5 * np.ptp(truth.position, axis=0).max()
     assert np.abs(run.joint_velocity).max() > 0.1
 
 
@@ -169,7 +215,7 @@ def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None
 def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> None:
     arguments = ("--robot", "ur5", "--target-rate", "500", "--rate", "250", "--method", "inertia_weighted")
     out = tmp_path / "ur5"
-    demo(out, "--trajectory", "line", *arguments)
+    demo(out, *arguments)
     assert_follows(out, 1.0, 3.0)
     assert_safe(out)
     run = load_run(out / "bag")

@@ -109,6 +109,9 @@ def main() -> int:
         sys.exit(f"error: setting up failed: {error}")
     if task == "test":
         return test(options)
+    if task == "ik_benchmark":  # not installed with the package: it stands in this checkout only
+        os.environ["PYTHONPATH"] = str(ROOT)
+        return run("python", "-m", "benchmarks", *options)
     executable = "ik_demo" if task == "demo" else task
     if not (BIN / executable).exists():
         sys.exit(

@@ -6,7 +6,6 @@ from setuptools import find_packages, setup
 
 NAME = "ik_node"
 EXECUTABLES = (
-    "benchmark",
     "demo",
     "export",
     "node",

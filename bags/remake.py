@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import yaml
 
-from ik_node.recording.bag_metadata import Qos
-from ik_node.recording.mcap_reader import Recording
-from ik_node.recording.writer import Recorder, RecorderOptions
+from ik_node.recording.mcap.metadata import Qos
+from ik_node.recording.mcap.reader import Recording
+from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 
 FOLDER = Path(__file__).resolve().parent
 COMMON = ("--headless", "--rate", "100")

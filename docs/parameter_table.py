@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ik_node.settings import Descriptor, describe
+from ik_node.settings.groups import Descriptor, describe
 
 README = Path(__file__).resolve().parent.parent / "README.md"
 BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->"

@@ -6,7 +6,7 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-_NOT_CALCULATING = ("ros", "cli", "report", "view", "benchmark", "recording", "replay", "messages")
+_NOT_CALCULATING = ("ros", "cli", "report", "viewer", "recording", "replay", "messages")
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ik_node.robot import Robot
+from ik_node.robot.robot import Robot
 
 
 def ball_arm(joint_types: str = "rrrrrr", base_offset: str = "0 0 0") -> Robot:

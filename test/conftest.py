@@ -20,12 +20,12 @@ os.environ.pop("RMW_IMPLEMENTATION", None)
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compiles once what the test processes would else all compile at the same time."""
-    from ik_node.compiled import first_time
+    from ik_node.jit import first_time
 
     if first_time() and not hasattr(config, "workerinput"):
         from loop import make_robot
 
-        from ik_node.rehearsal import rehearse
-        from ik_node.settings import Settings
+        from ik_node.control.warm_up import rehearse
+        from ik_node.settings.groups import Settings
 
         rehearse(make_robot("panda"), Settings())

@@ -6,15 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ik_node import catalogue, se3
-from ik_node.clock import NS, Instant
-from ik_node.controller import Controller
-from ik_node.inputs import JointSample, PoseSample
-from ik_node.robot import Robot
-from ik_node.se3 import Array
-from ik_node.settings import ArmSettings, Settings
-from ik_node.simulator import ArmModel, SimulatedArm
-from ik_node.step import Mode, Step
+from ik_node.control.controller import Controller
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.samples import JointSample, PoseSample
+from ik_node.interfaces.step import Mode, Step
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot import catalogue
+from ik_node.robot.robot import Robot
+from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
+from ik_node.settings.groups import ArmSettings, Settings
 
 READY = {
     "panda": (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398),

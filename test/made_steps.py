@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ik_node import catalogue, se3
-from ik_node.clock import NS, Instant
-from ik_node.robot import Robot
-from ik_node.se3 import Array
-from ik_node.settings import ArmSettings
-from ik_node.step import Level, Mode, Status, Step
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot import catalogue
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import ArmSettings
 
 ROS_START_NS = 1_700_000_000_123_456_789
 TRACKING = Status(Level.OK, Mode.TRACKING, "following target_pose")

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from loop import READY, Loop, make_robot
 
-from ik_node.clock import Instant
-from ik_node.controller import Controller
+from ik_node.control.controller import Controller
 from ik_node.errors import InputError, TargetRefused
-from ik_node.inputs import JointSample, PoseSample
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.samples import JointSample, PoseSample
+from ik_node.interfaces.step import Step
 from ik_node.messages import encode
 from ik_node.messages.decode import decode_joint_state, decode_pose
 from ik_node.messages.encode import Outgoing, StepOutputs
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.calls import JOINT_STATES, TARGET_POSE
-from ik_node.recording.session import RunRecording, RunSetup
-from ik_node.recording.writer import RecorderOptions
-from ik_node.settings import Settings
-from ik_node.step import Step
+from ik_node.recording.input_table import JOINT_STATES, TARGET_POSE
+from ik_node.recording.mcap.writer import RecorderOptions
+from ik_node.recording.run_recorder import RunRecording, RunSetup
+from ik_node.settings.groups import Settings
 
 
 class RecordedController:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ik_node import se3
-from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
 
@@ -29,7 +29,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 from ik_node.ros import qos  # noqa: E402
-from ik_node.ros.processes import NodeProcess  # noqa: E402
+from ik_node.ros.child_process import NodeProcess  # noqa: E402
 
 WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
 _domains = itertools.count(1 + 40 * WORKER + os.getpid() % 37)

@@ -11,10 +11,10 @@ import yaml
 from support import PROJECT
 
 import ik_node
-from ik_node.catalogue import robot_from
-from ik_node.controller import Controller
-from ik_node.ros_parameter_file import read_settings
-from ik_node.settings import Settings, describe
+from ik_node.control.controller import Controller
+from ik_node.robot.catalogue import robot_from
+from ik_node.settings.groups import Settings, describe
+from ik_node.settings.parameter_file import read_settings
 
 PACKAGE = PROJECT / "ik_node"
 MODULES = sorted(PACKAGE.rglob("*.py"))

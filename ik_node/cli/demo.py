@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from ik_node import share
+from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from
 from ik_node.errors import IkNodeError
-from ik_node.settings import METHODS
+from ik_node.settings.groups import METHODS
 from ik_node.trajectory.shapes import SHAPES
 
 
@@ -41,10 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(share.config_file("fastdds_quick_discovery.xml")))
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
     try:
         # Imported only now: the middleware reads the environment when it is loaded.
-        from ik_node.ros.demonstration import Demonstration, DemoOptions
+        from ik_node.ros.demo.demo import Demonstration, DemoOptions
 
         overrides = [value.replace("=", ":=", 1) for value in options.set]
         if options.scene is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
 from ik_node.recording.export import write_csv, write_json
-from ik_node.recording.reader import load_run
+from ik_node.recording.run_reader import load_run
 
 WRITERS = {".csv": write_csv, ".json": write_json}
 

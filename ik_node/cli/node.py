@@ -12,7 +12,7 @@ from ik_node.cli.entry import command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the node until a signal; returns the exit code."""
     from ik_node.ros.node import IkNode
-    from ik_node.ros.spinning import run
+    from ik_node.ros.spin import run
 
     return run(IkNode, IkNode.finish, arguments)
 

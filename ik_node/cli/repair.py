@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ik_node.cli.entry import command_line
-from ik_node.clock import NS
 from ik_node.errors import IkNodeError
-from ik_node.recording.bag_metadata import METADATA_FILE
-from ik_node.recording.repair import Repair, repair
+from ik_node.interfaces.clock import NS
+from ik_node.recording.mcap.metadata import METADATA_FILE
+from ik_node.recording.mcap.repair import Repair, repair
 
 
 def parser() -> argparse.ArgumentParser:

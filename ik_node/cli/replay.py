@@ -16,14 +16,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from ik_node import share
+from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
-from ik_node.recording.events import RecordedCalls
+from ik_node.recording.call_log import RecordedCalls
 from ik_node.replay import text
-from ik_node.replay.foreign import ForeignBag, bag_of_others
-from ik_node.replay.recorded import record_simulation
-from ik_node.replay.same import replay
+from ik_node.replay.bitwise import replay
+from ik_node.replay.external_bag import ForeignBag, bag_of_others
+from ik_node.replay.rerecord import record_simulation
 from ik_node.replay.what_if import (
     RECORDED,
     Opened,
@@ -34,9 +34,9 @@ from ik_node.replay.what_if import (
     truth_of,
     variants,
 )
-from ik_node.report.truth import Truth, truth_from_targets
-from ik_node.ros_parameter_file import read_settings
-from ik_node.settings import Settings
+from ik_node.report.ground_truth import Truth, truth_from_targets
+from ik_node.settings.groups import Settings
+from ik_node.settings.parameter_file import read_settings
 
 PARTS, UNUSABLE = 1, 2
 
@@ -169,7 +169,7 @@ def _foreign(options: argparse.Namespace) -> Opened:
         settings = read_settings(options.config)
     elif options.robot:
         try:
-            settings = read_settings(share.config_file(f"{options.robot}.yaml"))
+            settings = read_settings(resources.config_file(f"{options.robot}.yaml"))
         except SettingsError:  # a robot without a configuration of ours: defaults
             settings = Settings()
     if options.robot:
@@ -187,7 +187,7 @@ def _remapping(text_of_it: str) -> tuple[str, str]:
 
 def _feed(opened: Opened, options: argparse.Namespace) -> int:
     # Imported only now: the rest works without ROS.
-    from ik_node.ros.feeding import feed
+    from ik_node.ros.bag_player import feed
 
     counts = feed(opened(), options.to, options.input)
     print(json.dumps(counts) if options.json else "published " + ", ".join(f"{n} {name}" for name, n in counts.items()))

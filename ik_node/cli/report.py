@@ -11,9 +11,9 @@ from pathlib import Path
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 from ik_node.report import FILE_NAME, as_plain, as_text
-from ik_node.report.subject import Subject, read_subjects
+from ik_node.report.atomic_write import writer_for
+from ik_node.report.reported_run import Subject, read_subjects
 from ik_node.report.table import as_table
-from ik_node.report.writing import writer_for
 
 UNUSABLE = 2
 MOST_IN_NAME = 3

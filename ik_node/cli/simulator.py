@@ -12,7 +12,7 @@ from ik_node.cli.entry import command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the simulated robot until a signal; returns the exit code."""
     from ik_node.ros.simulator_node import SimulatorNode
-    from ik_node.ros.spinning import run
+    from ik_node.ros.spin import run
 
     return run(SimulatorNode, SimulatorNode.finish, arguments)
 

@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ik_node import catalogue, se3
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
-from ik_node.inverse_kinematics import PoseSolver
-from ik_node.iteration_figure import draw_plateau, draw_pose_iterations
-from ik_node.iteration_table import (
+from ik_node.inverse_kinematics.iteration_figure import draw_plateau, draw_pose_iterations
+from ik_node.inverse_kinematics.iteration_table import (
     pose_document,
     pose_table,
     pose_target_document,
@@ -22,10 +20,13 @@ from ik_node.iteration_table import (
     root_table,
     verdict,
 )
-from ik_node.newton_raphson import FORMS, PoseSolution, solve_pose
-from ik_node.notes_examples import PLATEAU_ROOTS, PLATEAU_STARTS, planar_2r, plateau
-from ik_node.robot import Robot
-from ik_node.screw import ScrewChain
+from ik_node.inverse_kinematics.newton_raphson import FORMS, PoseSolution, solve_pose
+from ik_node.inverse_kinematics.pose_solver import PoseSolver
+from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, PLATEAU_STARTS, planar_2r, plateau
+from ik_node.math import se3
+from ik_node.robot import catalogue
+from ik_node.robot.robot import Robot
+from ik_node.robot.screw_chain import ScrewChain
 
 EXAMPLES = ("2r", "plateau")
 EPILOG = """\

@@ -14,10 +14,10 @@ from typing import Any
 
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
-from ik_node.recording.reader import load_run
-from ik_node.view.nearby import read_obstacles
-from ik_node.view.opening import open_run
-from ik_node.view.serving import LOCAL, serve, url_of
+from ik_node.recording.run_reader import load_run
+from ik_node.viewer.open_run import open_run
+from ik_node.viewer.recorded_scene import read_obstacles
+from ik_node.viewer.server import LOCAL, serve, url_of
 
 PERIOD_S = 1.0 / 30.0
 
@@ -77,7 +77,7 @@ def _view_bag(options: argparse.Namespace) -> None:
 
 def _view_live(options: argparse.Namespace) -> None:
     try:
-        from ik_node.ros.live_view import view_live
+        from ik_node.ros.live_view.app import view_live
     except ImportError as error:
         raise IkNodeError(f"--live needs ROS 2, which is not installed: {error}") from error
     ros_arguments = ["--ros-args", *options.ros_args] if options.ros_args else []

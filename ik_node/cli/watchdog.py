@@ -11,7 +11,7 @@ from ik_node.cli.entry import command_line
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the watchdog until a signal; returns the exit code."""
-    from ik_node.ros.spinning import run
+    from ik_node.ros.spin import run
     from ik_node.ros.watchdog_node import WatchdogNode
 
     return run(WatchdogNode, WatchdogNode.finish, arguments)

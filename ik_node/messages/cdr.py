@@ -14,9 +14,9 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.se3 import Array
+from ik_node.interfaces.clock import NS
+from ik_node.math.types import Array
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 """Every message type of ROS 2 Jazzy's common interfaces."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.errors import InputError
-from ik_node.inputs import JointSample, PoseSample
+from ik_node.interfaces.samples import JointSample, PoseSample
+from ik_node.math.types import Array
 from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, floats_at, stamp_at, stamp_of
-from ik_node.se3 import Array
 
 
 class _Head(NamedTuple):

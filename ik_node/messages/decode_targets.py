@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.inputs import PathSample, TrajectorySample, TwistSample
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.samples import PathSample, TrajectorySample, TwistSample
+from ik_node.math.types import Array
 from ik_node.messages.cdr import deserialize, stamp_of
-from ik_node.se3 import Array
 
 PATH_TYPE = "nav_msgs/msg/Path"
 TRAJECTORY_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"

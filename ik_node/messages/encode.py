@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError
+from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.messages.cdr import Template, blank, header, make, serialize
-from ik_node.se3 import Array
-from ik_node.step import Level, Mode, Status, Step
 
 COMMANDS = "commands"
 JOINT_VELOCITY = "joint_velocity"

@@ -3,7 +3,7 @@
 Three channels of a recording, all of standard types:
 
 ``step`` (std_msgs/Float64MultiArray): one per tick. ``layout.dim`` names the slices of ``data`` one after the other
-(label, and size in numbers); labels are the fields of :class:`ik_node.step.Step`. A time is two numbers, whole seconds
+(label, and size in numbers); labels are the fields of :class:`ik_node.interfaces.step.Step`. A time is two numbers, whole seconds
 and the nanoseconds beyond them, since one float64 does not hold the nanoseconds of an epoch; poses are row by row.
 Status, names of binding limits and of the closest pair are text: the slice ``texts`` holds the number of the text
 record that applies.
@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node.clock import NS, Instant
 from ik_node.errors import RecordingError
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.math.types import Array
 from ik_node.messages.cdr import Template, blank, deserialize, make, serialize
-from ik_node.se3 import Array
-from ik_node.step import Level, Mode, Status, Step
 
 STEP_TYPE = "std_msgs/msg/Float64MultiArray"
 TEXTS_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"

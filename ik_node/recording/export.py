@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ik_node.errors import RecordingError
+from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.se3 import Array, quaternion_from_rotation
 
 _AXES = ("x", "y", "z")
 _ERROR = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")

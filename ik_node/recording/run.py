@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.se3 import Array
-from ik_node.settings import Value
-from ik_node.step import Status
+from ik_node.interfaces.step import Status
+from ik_node.math.types import Array
+from ik_node.settings.groups import Value
 
 
 class StatusChange(NamedTuple):

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ik_node.recording.events import RecordedCalls
-from ik_node.replay.same import SINGULAR_TOLERANCE, TOLERANCE, Comparison, Parting
+from ik_node.recording.call_log import RecordedCalls
+from ik_node.replay.bitwise import SINGULAR_TOLERANCE, TOLERANCE, Comparison, Parting
 from ik_node.replay.what_if import Figures, OpenLoop
 
 _LONGEST = 300

@@ -13,19 +13,20 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.limits import motion_limits
-from ik_node.recording.events import RecordedCalls
-from ik_node.recording.reader import load_run
-from ik_node.replay.garbage import seldom_collecting
-from ik_node.replay.simulation import Simulated, open_loop, simulate
-from ik_node.replay.source import Source, calls
-from ik_node.report.truth import FILE_NAME, Truth, read_truth, rotation_angle, truth_from_targets
-from ik_node.robot import Robot
-from ik_node.se3 import Array, quaternion_from_rotation
-from ik_node.settings import METHODS, Settings, Value
-from ik_node.step import Level, Step
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.step import Level, Step
+from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.math.types import Array
+from ik_node.recording.call_log import RecordedCalls
+from ik_node.recording.run_reader import load_run
+from ik_node.replay.call_source import Source, calls
+from ik_node.replay.closed_loop import Simulated, open_loop, simulate
+from ik_node.replay.gc_pause import seldom_collecting
+from ik_node.report.ground_truth import FILE_NAME, Truth, read_truth, rotation_angle, truth_from_targets
+from ik_node.robot.joint_limits import motion_limits
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import METHODS, Settings, Value
 
 SETTLE_S = 1.0
 """Errors count from so long after the first target on: the way to it is not tracking."""

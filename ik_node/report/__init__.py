@@ -1,8 +1,8 @@
 """Runs in figures and in pictures."""
 
-from ik_node.report.figures import Report, figures
+from ik_node.report.ground_truth import FILE_NAME, Truth, read_truth, truth_from, truth_from_targets, write_truth
+from ik_node.report.metrics import Report, figures
 from ik_node.report.text import as_json, as_plain, as_text
-from ik_node.report.truth import FILE_NAME, Truth, read_truth, truth_from, truth_from_targets, write_truth
 
 __all__ = [
     "FILE_NAME",

@@ -11,12 +11,12 @@ import numpy as np
 
 from ik_node.report.canvas import drawing, saving
 from ik_node.report.joints_page import draw_joints
-from ik_node.report.law_page import draw_law
 from ik_node.report.overlay import draw_overlay
-from ik_node.report.picture import overview
+from ik_node.report.reported_run import Subject
+from ik_node.report.solver_page import draw_law
 from ik_node.report.states_page import draw_states
 from ik_node.report.style import DPI
-from ik_node.report.subject import Subject
+from ik_node.report.summary_page import overview
 
 
 class Page(NamedTuple):

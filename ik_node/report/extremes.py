@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.se3 import Array
 
 
 class Margin(NamedTuple):

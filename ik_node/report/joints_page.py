@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
-from ik_node.report.figures import part_of_limit
+from ik_node.report.metrics import part_of_limit
+from ik_node.report.reported_run import Subject, all_joints, span_of, time_label
 from ik_node.report.style import GREY, VERMILION, heading, names_on, only_last_has_times, thin
-from ik_node.report.subject import Subject, all_joints, span_of, time_label
-from ik_node.se3 import Array
 
 STRIP_IN = 1.05
 EDGE = 0.06

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ik_node.report.canvas import new_figure
-from ik_node.report.law_page import draw_clearance, draw_scale, draw_singular_values
-from ik_node.report.path import draw_obstacles, draw_paths
+from ik_node.report.path_plot import draw_obstacles, draw_paths
+from ik_node.report.reported_run import Subject, span_of, time_label
+from ik_node.report.solver_page import draw_clearance, draw_scale, draw_singular_values
 from ik_node.report.style import heading, names_on, only_last_has_times, remark, thin
-from ik_node.report.subject import Subject, span_of, time_label
 from ik_node.report.table import as_table
 from ik_node.report.timeline import draw_bands
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ik_node.report.canvas import new_figure
+from ik_node.report.reported_run import Subject, span_of, time_label
 from ik_node.report.style import GREY, heading, names_on, remark, thin
-from ik_node.report.subject import Subject, span_of, time_label
 from ik_node.report.timeline import draw_bands, draw_numbers, entries, write_reasons
 
 BINS = 80

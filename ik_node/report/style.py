@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ik_node.se3 import Array
-from ik_node.step import Mode
+from ik_node.interfaces.step import Mode
+from ik_node.math.types import Array
 
 INK = "#222222"
 FAINT = "#c8ccd0"

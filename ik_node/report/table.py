@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ik_node.report.figures import Report
-from ik_node.report.subject import Subject, methods_of
+from ik_node.report.metrics import Report
+from ik_node.report.reported_run import Subject, methods_of
 
 NONE = "-"
 MOST_WIDTH = 22

@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any
 
-from ik_node.report.figures import Report, Scaling, Singularity
+from ik_node.report.metrics import Report, Scaling, Singularity
 from ik_node.report.tracking import Tracking
 
 WIDTH = 80

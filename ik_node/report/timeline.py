@@ -6,9 +6,9 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ik_node.interfaces.step import Level, Mode
+from ik_node.report.reported_run import Subject
 from ik_node.report.style import INK, MODE_COLOURS
-from ik_node.report.subject import Subject
-from ik_node.step import Level, Mode
 
 LEAST_GAP = 0.013
 """Part of the axis that a number above a band needs."""

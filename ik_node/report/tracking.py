@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node import se3
-from ik_node.clock import NS
+from ik_node.interfaces.clock import NS
+from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.truth import Poses, Truth, rotation_angle
-from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.report.ground_truth import Poses, Truth, rotation_angle
+from ik_node.robot.robot import Robot
 
 LAG_RANGE_S = (-0.2, 0.6)
 """Lags looked for."""

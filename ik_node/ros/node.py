@@ -11,23 +11,23 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from ik_node.catalogue import robot_from
-from ik_node.clock import Instant
-from ik_node.compiled import first_time
-from ik_node.controller import Controller
+from ik_node.control.controller import Controller
+from ik_node.control.warm_up import rehearse
 from ik_node.errors import IkNodeError, InputError, RecordingError
-from ik_node.inputs import frames_of
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.samples import frames_of
+from ik_node.interfaces.step import Step
+from ik_node.jit import first_time
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.calls import INPUTS, Input
-from ik_node.rehearsal import rehearse
-from ik_node.robot import Robot
+from ik_node.recording.input_table import INPUTS, Input
+from ik_node.robot.catalogue import robot_from
+from ik_node.robot.robot import Robot
 from ik_node.ros import parameters, qos
-from ik_node.ros.message_class import message_class
-from ik_node.ros.publishing import StepPublisher
+from ik_node.ros.message_types import message_class
+from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
 from ik_node.ros.transforms import Transforms
-from ik_node.settings import Settings
-from ik_node.step import Step
+from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
 """Where one publisher is enough."""

@@ -10,7 +10,7 @@ from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
 from ik_node.errors import IkNodeError
-from ik_node.settings import Descriptor, Settings, Value, describe
+from ik_node.settings.groups import Descriptor, Settings, Value, describe
 
 BIG = 1e12
 """Stands for an open end: parameter ranges have two ends."""

@@ -7,14 +7,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from ik_node.clock import Instant
-from ik_node.controller import Controller
+from ik_node.control.controller import Controller
 from ik_node.errors import RecordingError
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.step import Level, Status, Step
 from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.session import RunRecording, RunSetup, recorder_options
-from ik_node.settings import Settings
-from ik_node.step import Level, Status, Step
+from ik_node.recording.run_recorder import RunRecording, RunSetup, recorder_options
+from ik_node.settings.groups import Settings
 
 
 class NodeRecorder:

@@ -12,12 +12,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
-from ik_node.catalogue import robot_from
 from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
+from ik_node.robot.catalogue import robot_from
+from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.ros import qos
-from ik_node.settings import ArmSettings
-from ik_node.simulator import ArmModel, SimulatedArm
+from ik_node.settings.groups import ArmSettings
 
 
 class SimulatorNode(Node):  # type: ignore[misc]

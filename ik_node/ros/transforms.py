@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.time import Time
 
-from ik_node.frames import answer_text
+from ik_node.robot.frames import answer_text
 
 
 class Transforms:
@@ -26,7 +26,7 @@ class Transforms:
         self._last: dict[str, str] = {}
 
     def answers(self, base: str, frames: Iterable[str]) -> Iterator[str]:
-        """The newest place of each of ``frames`` in ``base`` where it is new, as :func:`ik_node.frames.answer_text`."""
+        """The newest place of each of ``frames`` in ``base`` where it is new, as :func:`ik_node.robot.frames.answer_text`."""
         if self._buffer is None:
             return
         for frame in frames:

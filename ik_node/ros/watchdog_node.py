@@ -16,9 +16,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from ik_node.errors import InputError
+from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.messages import decode, encode
 from ik_node.ros import qos
-from ik_node.step import Level, Mode, Status
 
 CHECKS_PER_TIMEOUT = 10
 """The silence is noticed at most this part of the time-out late."""

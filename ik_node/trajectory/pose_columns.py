@@ -10,7 +10,7 @@ import re
 from typing import NamedTuple
 
 from ik_node.errors import TrajectoryFileError
-from ik_node.trajectory.table import Table
+from ik_node.trajectory.pose_table import Table
 
 POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation")
 """What stands before x, y, z in names of a position."""

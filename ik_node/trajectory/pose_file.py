@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError, TrajectoryFileError
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.trajectory import pose_columns
 from ik_node.trajectory.pose_columns import TIME_UNITS, Columns
+from ik_node.trajectory.pose_table import Table, read_table
 from ik_node.trajectory.sampled import SampledTrajectory
-from ik_node.trajectory.table import Table, read_table
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Unit -> metres."""

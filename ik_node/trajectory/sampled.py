@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ik_node import se3
 from ik_node.errors import InputError
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.types import Array
 
 
 class Sample(NamedTuple):

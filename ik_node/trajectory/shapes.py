@@ -14,10 +14,10 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError
-from ik_node.se3 import Array
-from ik_node.trajectory.motion import Trajectory
+from ik_node.interfaces.motion import Trajectory
+from ik_node.math import se3
+from ik_node.math.types import Array
 
 Curve = Callable[[float], tuple[tuple[float, float, float], tuple[float, float, float]]]
 """Phase in rad -> displacement in {s} [m], rotation vector in the start pose's frame [rad]; both 0 at phase 0."""

@@ -1,0 +1,1 @@
+"""inverse_kinematics"""

@@ -1,0 +1,307 @@
+"""Makes a recording whole that was cut off: a killed process leaves a file without index, and no ``metadata.yaml``.
+
+A file is repaired in place, since what is whole in it stays as it is: behind the last whole record come the indexes
+that are missing. When a repair is cut off itself, the next one does the same again.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import yaml
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, MessageIndex, Metadata, MetadataIndex, Schema
+
+from ik_node.errors import RecordingError
+from ik_node.recording.mcap.file import MAGIC, Content, McapFile
+from ik_node.recording.mcap.metadata import (
+    DROPPED,
+    RECORD_NAME,
+    REPAIRED,
+    PartInfo,
+    bag_metadata,
+    metadata_record,
+    write_metadata,
+)
+from ik_node.recording.mcap.reader import Recording, Unpacker, part_files
+
+_record = struct.Struct("<BQ")
+_message = struct.Struct("<BQHIQQ")
+_LEAST_ZEROS, _MOST_ZEROS = 512, 1 << 26
+"""File systems fill up whole blocks; so many zeros in a row are no record's own."""
+
+
+class PartRepair(NamedTuple):
+    """What was found in one file, and done."""
+
+    name: str
+    messages: int
+    """That it holds."""
+    end_ns: int
+    """Newest of them, ROS time; 0 where there is none."""
+    removed_bytes: int
+    """Of a record that was being written when the writer died."""
+    was_whole: bool
+    missing: int
+    """Messages that its writer had to leave out, by the gaps in their sequence numbers; files of ours only."""
+
+
+class Repair(NamedTuple):
+    """What was found in a recording, and done."""
+
+    parts: tuple[PartRepair, ...]
+    ignored: tuple[str, ...]
+    """Files that hold nothing, not even their beginning."""
+    was_whole: bool
+    """Nothing was missing, and nothing was looked at or changed."""
+
+
+def repair(path: Path) -> Repair:
+    """Makes the recording at ``path``, a folder or one file, whole.
+
+    Raises RecordingError when it is no recording, is being written, cannot be written, or is damaged elsewhere than at
+    its end; damaged files stay as they are.
+    """
+    files = part_files(path)
+    ignored = [file for file in files if file.stat().st_size <= len(MAGIC)]
+    files = [file for file in files if file not in ignored]
+    if files and Recording(path).complete:
+        return Repair((), (), True)
+    if not files:
+        raise RecordingError(f"'{path}' holds nothing that could be repaired")
+    custom: dict[str, str] = {}
+    done: list[PartRepair] = []
+    contents: list[PartInfo] = []
+    try:
+        for file in files:
+            scan = _Scan(file)
+            custom |= scan.custom
+            done.append(_found(scan))
+            if not scan.whole:
+                _complete(scan)
+            contents.append(PartInfo(file.name, scan.content))
+        if path.is_dir():
+            custom[DROPPED] = str(sum(part.missing for part in done))
+            removed = sum(part.removed_bytes for part in done)
+            custom[REPAIRED] = f"{removed} bytes of an unfinished record removed"
+            write_metadata(path, bag_metadata(contents, custom))
+    except BlockingIOError as error:
+        raise RecordingError(f"'{path}' is being written; it is left alone") from error
+    except OSError as error:
+        raise RecordingError(f"'{path}' cannot be repaired: {error.strerror}") from error
+    return Repair(tuple(done), tuple(file.name for file in ignored), False)
+
+
+def _found(scan: _Scan) -> PartRepair:
+    content = scan.content
+    return PartRepair(
+        scan.path.name,
+        content.message_count,
+        content.end_ns,
+        0 if scan.whole else scan.path.stat().st_size - scan.size,
+        scan.whole,
+        scan.missing if RECORD_NAME in scan.records_named and "ik_node" in scan.custom else 0,
+    )
+
+
+def _complete(scan: _Scan) -> None:
+    """Appends what is missing behind the last whole record."""
+    file = McapFile.resume(scan.path, scan.content, scan.size)
+    scan.end_chunk(file)
+    values = {**scan.custom, REPAIRED: "index written anew"}
+    file.add_metadata(RECORD_NAME, metadata_record(bag_metadata([PartInfo(scan.path.name, scan.content)], values)))
+    file.finish()
+
+
+@dataclass
+class _OpenChunk:
+    """A chunk whose message indexes may still follow."""
+
+    begin: int
+    length: int
+    chunk: Chunk
+    indexes: dict[int, array[int]]
+    """Channel -> log time, offset, ...: what its messages are."""
+    offsets: dict[int, int] = field(default_factory=dict)
+    """Channel -> where its message index stands."""
+    end: int = 0
+    """Of the last message index."""
+
+
+class _Scan:
+    """Everything in a file that is whole, from front to back."""
+
+    def __init__(self, path: Path) -> None:
+        """RecordingError when it is no MCAP file, or damaged before its end."""
+        self.path = path
+        self.content = Content()
+        self.size = len(MAGIC)
+        """Up to where it is whole."""
+        self.whole = False
+        self.custom: dict[str, str] = {}
+        self.records_named: set[str] = set()
+        self.missing = 0
+        self._expected: dict[int, int] = {}
+        self._open: _OpenChunk | None = None
+        self._chunks = Unpacker()
+        try:
+            with path.open("rb") as stream:
+                self._read(stream)
+        except OSError as error:
+            raise RecordingError(f"'{path}' cannot be read: {error.strerror}") from error
+
+    def end_chunk(self, file: McapFile | None) -> None:
+        """No message index of the last chunk follows; those that are missing are added to ``file``."""
+        last, self._open = self._open, None
+        if last is None:
+            return
+        end = max(last.end, last.begin + last.length)
+        left_out = set(last.indexes) - set(last.offsets)
+        if left_out and file is not None:
+            last.offsets |= file.add_indexes({channel: last.indexes[channel] for channel in sorted(left_out)})
+            end = file.size
+        self.content.add_chunk(
+            ChunkIndex(
+                chunk_length=last.length,
+                chunk_start_offset=last.begin,
+                compression=last.chunk.compression,
+                compressed_size=len(last.chunk.data),
+                message_end_time=last.chunk.message_end_time,
+                message_index_length=end - last.begin - last.length,
+                message_index_offsets=last.offsets,
+                message_start_time=last.chunk.message_start_time,
+                uncompressed_size=last.chunk.uncompressed_size,
+            )
+        )
+
+    def _read(self, stream: BinaryIO) -> None:
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise RecordingError(f"'{self.path}' is no MCAP file")
+        size = self.path.stat().st_size
+        written = _without_zeros(stream, size)
+        stream.seek(max(len(MAGIC), size - len(MAGIC)))
+        ends_well = stream.read() == MAGIC
+        stream.seek(self.size)
+        for opcode, record in self._records(stream, size):
+            if opcode != Opcode.CHUNK and self.size + len(record) > written:  # only chunks have a checksum
+                break
+            if opcode == Opcode.DATA_END:
+                self.whole = ends_well
+                break
+            try:
+                self._take(opcode, record)
+            except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
+                self._refuse_if_more_follows(stream, size, len(record), error)
+                break
+            self.size += len(record)
+        if self.whole:
+            self.end_chunk(None)
+
+    def _records(self, stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+        while True:
+            opening = stream.read(_record.size)
+            if len(opening) < _record.size:
+                return
+            opcode, length = _record.unpack(opening)
+            if opcode == 0 or self.size + _record.size + length > size:
+                return
+            yield opcode, opening + stream.read(length)
+
+    def _refuse_if_more_follows(self, stream: BinaryIO, size: int, length: int, error: Exception) -> None:
+        """A record that cannot be read stands at the end of a file that was cut off, and nowhere else."""
+        opening = stream.read(_record.size)
+        if len(opening) == _record.size:
+            opcode, next_length = _record.unpack(opening)
+            if 0 < opcode <= Opcode.DATA_END and self.size + length + _record.size + next_length <= size:
+                raise RecordingError(
+                    f"'{self.path}' is damaged behind byte {self.size}, not cut off: {error}"
+                ) from error
+
+    def _take(self, opcode: int, record: bytes) -> None:
+        if opcode == Opcode.MESSAGE_INDEX and self._open is not None:
+            index = MessageIndex.read(_stream(record))
+            self._open.offsets[index.channel_id] = self.size
+            self._open.end = self.size + len(record)
+            return
+        self.end_chunk(None)
+        if opcode == Opcode.CHUNK:
+            self._take_chunk(record)
+        elif opcode == Opcode.MESSAGE:
+            self._take_messages(record)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._describe(opcode, record)
+        elif opcode == Opcode.METADATA:
+            metadata = Metadata.read(_stream(record))
+            self.content.metadata.append(MetadataIndex(offset=self.size, length=len(record), name=metadata.name))
+            self.records_named.add(metadata.name)
+            if metadata.name == RECORD_NAME:
+                self.custom |= _custom(metadata.metadata.get("serialized_metadata", ""))
+
+    def _take_chunk(self, record: bytes) -> None:
+        records = self._chunks.unpacked(record)
+        indexes = self._take_messages(records)
+        self._open = _OpenChunk(self.size, len(record), Chunk.read(_stream(record)), indexes)
+
+    def _take_messages(self, records: bytes) -> dict[int, array[int]]:
+        """Counts messages; returns channel -> log time, offset, ..."""
+        indexes: dict[int, array[int]] = {}
+        content, offset = self.content, 0
+        while offset < len(records):
+            opcode, length = _record.unpack_from(records, offset)
+            if opcode == Opcode.MESSAGE:
+                _, _, channel, sequence, log_time_ns, _ = _message.unpack_from(records, offset)
+                if channel not in content.counts:
+                    raise ValueError(f"a message is of channel {channel}, which is not described before it")
+                indexes.setdefault(channel, array("Q")).extend((log_time_ns, offset))
+                self.missing += max(0, sequence - self._expected.get(channel, sequence))
+                self._expected[channel] = sequence + 1
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._describe(opcode, records[offset : offset + _record.size + length])
+            offset += _record.size + length
+        for channel, entries in indexes.items():
+            content.counts[channel] += len(entries) // 2
+            content.start_ns = min(content.start_ns, *entries[::2])
+            content.end_ns = max(content.end_ns, *entries[::2])
+        return indexes
+
+    def _describe(self, opcode: int, record: bytes) -> None:
+        content = self.content
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(record))
+            if all(known.id != schema.id for known in content.schemas):
+                content.schemas.append(schema)
+            return
+        channel = Channel.read(_stream(record))
+        if channel.id not in content.counts:
+            content.channels.append(channel)
+            content.counts[channel.id] = 0
+
+
+def _without_zeros(stream: BinaryIO, size: int) -> int:
+    """Where a power cut may have left zeros instead of what was written: a long run of them at the end."""
+    stream.seek(max(0, size - _MOST_ZEROS))
+    end = stream.read()
+    zeros = len(end) - len(end.rstrip(b"\0"))
+    return size - zeros if zeros >= _LEAST_ZEROS else size
+
+
+def _custom(text: str) -> dict[str, str]:
+    """``custom_data`` of the metadata record that a writer of bags puts into its files."""
+    try:
+        metadata: Any = yaml.safe_load(text)
+        return {str(key): str(value) for key, value in (metadata["custom_data"] or {}).items()}
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _stream(record: bytes) -> ReadDataStream:
+    return ReadDataStream(io.BytesIO(record[_record.size :]))

@@ -1,0 +1,58 @@
+"""A tool that the robot's description does not know: one more link, fixed to the tip."""
+
+from __future__ import annotations
+
+from math import atan2, sqrt
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+from ik_node.errors import RobotError
+from ik_node.math.se3 import pose_from
+from ik_node.math.types import Array
+
+
+class DescriptionWithTool(NamedTuple):
+    """A description with one link more."""
+
+    urdf: str
+    tip_frame: str
+    """The new link: the tool point."""
+
+
+def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> DescriptionWithTool:
+    """``urdf`` with a link ``<tip_frame>_tool`` at ``offset`` = (x, y, z, qx, qy, qz, qw) [m] from link ``tip_frame``.
+
+    Everything that is made of a description (recordings, replays, pictures) then knows the tool too. It has no mass and
+    no shape. Raises RobotError when ``tip_frame`` is no link, the new name is taken, or ``offset`` does not have seven
+    numbers; InputError when they are no pose.
+    """
+    if len(offset) != 7:
+        raise RobotError(f"tool_offset has {len(offset)} numbers; expected 7: x y z qx qy qz qw")
+    pose = pose_from(offset[:3], offset[3:], "tool_offset")
+    try:
+        links = {str(link.get("name")) for link in ElementTree.fromstring(urdf).iter("link")}
+    except ElementTree.ParseError as error:
+        raise RobotError(f"robot_description is no XML: {error}") from error
+    name = f"{tip_frame}_tool"
+    if tip_frame not in links:
+        raise RobotError(f"tool_offset needs a link as tip_frame, not '{tip_frame}'; links: {', '.join(sorted(links))}")
+    if name in links:
+        raise RobotError(f"tool_offset would add a link '{name}', and there is one already")
+    xyz, rpy = (" ".join(repr(value) for value in values) for values in (pose[:3, 3].tolist(), _roll_pitch_yaw(pose)))
+    addition = (
+        f"<link name={quoteattr(name)}/>"
+        f'<joint name={quoteattr(name + "_joint")} type="fixed">'
+        f'<parent link={quoteattr(tip_frame)}/><child link={quoteattr(name)}/><origin xyz="{xyz}" rpy="{rpy}"/></joint>'
+    )
+    before, closing, after = urdf.rpartition("</robot>")
+    return DescriptionWithTool(f"{before}{addition}\n{closing}{after}", name)
+
+
+def _roll_pitch_yaw(pose: Array) -> tuple[float, float, float]:
+    """Angles with R = R_z(yaw) R_y(pitch) R_x(roll), as URDF has it; at pitch +-90 degrees yaw is 0."""
+    (r00, r01, _), (r10, r11, _), (r20, r21, r22) = pose[:3, :3].tolist()
+    across = sqrt(r00 * r00 + r10 * r10)
+    if across > 1e-9:
+        return atan2(r21, r22), atan2(-r20, across), atan2(r10, r00)
+    return (atan2(r01, r11) if r20 < 0.0 else atan2(-r01, r11)), atan2(-r20, across), 0.0

@@ -1,0 +1,320 @@
+"""Which input is in command, and the motion that it asks for.
+
+The rule: **the latest one that asks for something is in command.** A pose, a path, a trajectory or a twist that is
+accepted takes command from whatever had it; a running path is dropped by a pose and a stream by a path. A twist of zero
+asks for nothing: it keeps or ends a jog, but takes command from nobody. An input that falls silent, or a path that is
+done, keeps the arm where it left it (hold) until the next one.
+
+The reference never jumps: whoever takes command gets it with the position, velocity and acceleration that it has.
+
+What ``pace`` does: the reference of a path and of a jog goes on by the part s of each twist that the limits let
+through, so that a path is kept, only later, and a jog does not run ahead of the arm. A stream cannot be slowed: its
+samples say where the target is now. There the arm falls behind, and catches up along the shortest way.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.errors import InputError, TargetRefused
+from ik_node.interfaces.clock import NS, Instant, Stamped, place
+from ik_node.interfaces.motion import Motion
+from ik_node.interfaces.samples import PathSample, TrajectorySample, TwistSample
+from ik_node.math.quaternion import from_matrix
+from ik_node.math.se3 import vector
+from ik_node.math.types import Array
+from ik_node.robot.frames import Frames
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import Settings
+from ik_node.targets.jerk_limited_filter import RigidMotion
+from ik_node.targets.jog import Jog, JogState, TwistFrame
+from ik_node.targets.path.follower import PathFollower, PathState
+from ik_node.targets.path.request import (
+    FASTEST_M_S,
+    FASTEST_RAD_S,
+    FramePose,
+    Route,
+    route_of_path,
+    route_of_trajectory,
+)
+from ik_node.targets.stream.stream import StreamedPoses, StreamState
+
+TURNS = 4
+"""So many changes of command between two inputs ..."""
+TURNS_WITHIN_S = 2.0
+"""... in this time mean that both are being published at once."""
+
+
+class Source(Enum):
+    """Who is in command; the values are the names of the inputs."""
+
+    NONE = "none"
+    POSE = "target_pose"
+    PATH = "target_path"
+    TRAJECTORY = "target_trajectory"
+    TWIST = "target_twist"
+
+
+class TargetsState(NamedTuple):
+    """Everything that is remembered; plain data."""
+
+    source: Source
+    rival: Source
+    """Who was in command before."""
+    changes_ns: tuple[int, ...]
+    """When command last changed between those two."""
+    time_ns: int
+    remark: str
+    """What a person should know about the last path or twist."""
+    stream: StreamState
+    path: PathState
+    jog: JogState
+
+
+class Targets:
+    """Every input's targets in, one motion out. All times are monotonic nanoseconds; one thread."""
+
+    def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
+        """``robot``: so that paths without times get some that its joints can keep."""
+        self._stream = StreamedPoses(settings.target)
+        self._path = PathFollower(settings, robot)
+        self._jog = Jog(settings.jog)
+        self._settings = settings
+        self._source = self._rival = Source.NONE
+        self._changes_ns: tuple[int, ...] = ()
+        self._time_ns = 0
+        self._remark = ""
+
+    def configure(self, settings: Settings) -> None:
+        """Other settings from now on; whoever is in command goes on."""
+        self._settings = settings
+        self._stream.configure(settings.target)
+        self._path.configure(settings)
+        self._jog.configure(settings.jog)
+
+    def state(self) -> TargetsState:
+        """A snapshot, for :meth:`restore`."""
+        return TargetsState(
+            self._source,
+            self._rival,
+            self._changes_ns,
+            self._time_ns,
+            self._remark,
+            self._stream.state(),
+            self._path.state(),
+            self._jog.state(),
+        )
+
+    def restore(self, state: TargetsState) -> None:
+        """Goes on from a snapshot, bit for bit."""
+        self._source, self._rival, self._changes_ns, self._time_ns, self._remark = state[:5]
+        self._stream.restore(state.stream)
+        self._path.restore(state.path)
+        self._jog.restore(state.jog)
+
+    # --- inputs ------------------------------------------------------------------------------------------------------
+
+    def start(self, pose_sd: Array, time_ns: int) -> None:
+        """Nobody in command, at rest at ``pose_sd`` (4, 4); everything else is forgotten."""
+        self._source = self._rival = Source.NONE
+        self._changes_ns, self._remark, self._time_ns = (), "", time_ns
+        self._stream.start(pose_sd, time_ns)
+        self._path.forget()
+        self._jog.begin(_resting(pose_sd), time_ns)
+
+    def rest_at(self, pose_sd: Array, time_ns: int) -> None:
+        """Goes on with whoever is in command, from rest at ``pose_sd``: for an arm that did not follow for a while."""
+        reference = _resting(pose_sd)
+        self._time_ns = time_ns
+        if self._source is Source.POSE:
+            self._stream.rest_at(reference, time_ns)
+        elif self._on_path:
+            self._path.rest_at(reference, time_ns)
+        else:
+            self._jog.rest_at(reference, time_ns)
+
+    def on_pose(self, pose_sd: Array, stamped: Stamped) -> None:
+        """A checked pose (4, 4) of the stream."""
+        if self._source is not Source.POSE:
+            reference = self._motion()
+            self._take_command(Source.POSE, stamped.received_ns)
+            self._stream.take_over(reference, self._time_ns)
+        self._stream.add(pose_sd, stamped)
+
+    def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant, q: Array | None = None) -> None:
+        """A path; the joints are at q (n,). Raises TargetRefused naming the pose, and goes on with what it had.
+
+        Without q, times for a path that has none are found from the bounds on the tool's motion alone.
+        """
+        self._follow(route_of_path(sample, frame_pose, now, self._settings.path), Source.PATH, now, q)
+
+    def on_trajectory(self, sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> None:
+        """A trajectory. Raises TargetRefused naming the point, and goes on with what it had."""
+        self._follow(route_of_trajectory(sample, frame_pose, now, self._settings.path), Source.TRAJECTORY, now)
+
+    def on_twist(self, sample: TwistSample, frame: TwistFrame, now: Instant) -> None:
+        """A twist to jog by. Raises TargetRefused, and goes on with what it had."""
+        try:
+            twist = vector(sample.twist, 6, "target twist")
+        except InputError as error:
+            raise TargetRefused(str(error)) from error
+        if np.linalg.norm(twist[:3]) > FASTEST_M_S or np.linalg.norm(twist[3:]) > FASTEST_RAD_S:
+            raise TargetRefused(
+                f"target twist is {twist.tolist()}; accepted: {FASTEST_M_S:g} m/s and {FASTEST_RAD_S:g} rad/s"
+            )
+        stamped = place(sample.stamp_ns, now, round(self._settings.target.max_age_s * NS))
+        age_s, timeout_s = (now.monotonic_ns - stamped.time_ns) / NS, self._settings.jog.timeout_s
+        if age_s >= timeout_s:
+            raise TargetRefused(f"target twist is {age_s:.3g} s old; jog.timeout_s is {timeout_s:g}")
+        if self._source is not Source.TWIST:
+            if not twist.any():
+                return
+            reference = self._motion()
+            self._take_command(Source.TWIST, now.monotonic_ns)
+            self._jog.begin(reference, self._time_ns)
+        self._jog.add(twist, frame, stamped)
+        self._remark = "stamps of target_twist disagree with this clock; arrival counts" if stamped.skew_ns else ""
+
+    def _follow(self, route: Route, source: Source, now: Instant, q: Array | None = None) -> None:
+        reference = self._motion()
+        self._path.begin(route, reference, self._time_ns, q)
+        self._take_command(source, now.monotonic_ns)
+        self._remark = route.remark
+
+    def _take_command(self, source: Source, time_ns: int) -> None:
+        if source is self._source:
+            return
+        between_two = source is self._rival
+        self._changes_ns = (*self._changes_ns, time_ns)[-TURNS:] if between_two else (time_ns,)
+        self._source, self._rival = source, self._source
+        self._remark = ""
+        if not self._on_path:
+            self._path.forget()
+
+    # --- ticks -------------------------------------------------------------------------------------------------------
+
+    def advance(self, time_ns: int, hold_s: float, pace: float = 1.0, pose_sb: Array | None = None) -> Motion:
+        """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
+
+        ``pace``: the part of the last twist that the arm did, 0 to 1: s, and 0 while the robot does not follow.
+        ``pose_sb`` (4, 4): where the tool is; without it there is no distance to a path, and no leash on a jog.
+        """
+        self._time_ns = max(self._time_ns, time_ns)
+        if self._source is Source.POSE:
+            return self._stream.advance(time_ns, hold_s)
+        if self._on_path:
+            return self._path.advance(time_ns, hold_s, pace, pose_sb)
+        return self._jog.advance(time_ns, hold_s, pace, pose_sb)
+
+    def _motion(self) -> RigidMotion:
+        """The reference at the last tick."""
+        if self._source is Source.POSE:
+            return self._stream.motion()
+        return self._path.motion() if self._on_path else self._jog.motion()
+
+    @property
+    def _on_path(self) -> bool:
+        return self._source in (Source.PATH, Source.TRAJECTORY)
+
+    # --- what there is to say ----------------------------------------------------------------------------------------
+
+    @property
+    def source(self) -> Source:
+        """Which input is in command, or was when it ended."""
+        return self._source
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more is asked for; the last pose is held."""
+        if self._source is Source.POSE:
+            return self._stream.ended
+        if self._on_path:
+            return self._path.finished
+        return self._source is Source.NONE or self._jog.ended
+
+    @property
+    def reason(self) -> str:
+        """What is being done, in words that stay the same while it is."""
+        return self.reason_when(self.ended)
+
+    def reason_when(self, ended: bool) -> str:
+        """:attr:`reason`, for who has asked for :attr:`ended`."""
+        if self._source is Source.POSE:
+            return "the target stream has ended; holding the last pose" if ended else "following target_pose"
+        name = self._source.value
+        if self._source is Source.NONE:
+            return "no target yet"
+        if self._source is Source.TWIST:
+            return f"no {name} any more; holding the pose" if ended else f"jogging by {name}"
+        return self._path_reason(name)
+
+    def _path_reason(self, name: str) -> str:
+        if self._path.finished:
+            return f"{name} is done; holding its last pose"
+        if self._path.timing:
+            return f"finding times for {name}"
+        if self._path.waiting:
+            return f"there, but {name} begins later" if self._path.early else f"going to {name}"
+        return f"following {name}"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should know besides."""
+        if self._source is Source.POSE and not self._remark and len(self._changes_ns) < TURNS:
+            return ()
+        found = []
+        changes = self._changes_ns
+        if len(changes) == TURNS and self._time_ns - changes[0] < TURNS_WITHIN_S * NS:
+            names = sorted((self._source.value, self._rival.value))
+            found.append(f"{' and '.join(names)} take command from each other")
+        if self._source is Source.TWIST and self._jog.cut:
+            found.append("target_twist is cut to jog.max_linear_speed and jog.max_angular_speed")
+        if self._source is Source.TWIST and self._jog.leashed:
+            found.append("the tool cannot follow target_twist")
+        if self._remark:
+            found.append(self._remark)
+        return tuple(found)
+
+    @property
+    def stream(self) -> StreamedPoses:
+        """The stream of poses, for its figures."""
+        return self._stream
+
+    @property
+    def progress(self) -> float:
+        """Part of the path that has been gone through, 0 to 1; NaN without a path in command."""
+        return self._path.progress if self._on_path else nan
+
+    @property
+    def late_s(self) -> float:
+        """How much later than by its stamps the path is [s]; NaN without a path in command."""
+        return self._path.late_s if self._on_path else nan
+
+    @property
+    def distance_m(self) -> float:
+        """Distance of the tool point from the path [m]; NaN without a path in command."""
+        return self._path.distance_m if self._on_path else nan
+
+    @property
+    def goal_sd(self) -> Array | None:
+        """Where it will end, (4, 4): the stream's last sample, the path's last pose; None without one."""
+        if self._source is Source.POSE:
+            return self._stream.goal_sd
+        return self._path.goal_sd if self._on_path else None
+
+
+def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:
+    """The axes of ``frame``, now; InputError with the frames that there are."""
+    rotation = frames.pose(frame)[:3, :3]
+    if frame in robot.frames and robot.moves_with_tool(frame) and frames.position is not None:
+        return TwistFrame(robot.pose(frames.position)[:3, :3].T @ rotation, True)
+    return TwistFrame(rotation, False)
+
+
+def _resting(pose_sd: Array) -> RigidMotion:
+    x, y, z = pose_sd[:3, 3].tolist()
+    return RigidMotion((x, y, z), orientation=from_matrix(pose_sd))

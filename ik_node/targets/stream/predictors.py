@@ -1,0 +1,304 @@
+"""Where a streamed target is between its samples: several predictors, weighted by how well they have foretold.
+
+Each predictor is a fading-memory polynomial (Morrison, Introduction to Sequential Smoothing and Prediction, 1969) of
+degree 0, 1 or 2: least squares with weights that fade into the past, as a recursion. Short memories follow, long ones
+smooth; which is better depends on the stream, and is measured: each sample is compared with what every predictor said
+it would be. Each exists twice, once on the stamps as they are and once on the regular times of ``cadence.py``, and the
+better of the two tells whether the stamps can be believed. Position and orientation choose apart.
+
+Orientation is a rotation vector in {s} from the newest sample's orientation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.jit import compiled
+from ik_node.math.quaternion import Quaternion, Vector, conjugate, difference, length, multiply, to_vector
+from ik_node.math.types import Array
+
+PREDICTORS = (
+    (0, 0.0),
+    (1, 0.2),
+    (1, 0.4),
+    (1, 0.6),
+    (1, 0.8),
+    (2, 0.15),
+    (2, 0.3),
+    (2, 0.45),
+    (2, 0.6),
+    (2, 0.75),
+)
+"""Degree, and weight of the past per sample period."""
+SHORTEST_HORIZON_S = 0.02
+"""Memories fade, and predictions are scored, over at least this: the motion cannot use what is faster."""
+SCORE_MEMORY = 0.94
+"""Weight of the past in the scores, per scored sample."""
+LATENCY_MEMORY = 0.98
+"""The same in what says how predictable the target is: longer, lest the motion's latency change all the time."""
+SMALL_STEP = np.array((1.5e-3, 5e-3)) ** 2
+"""Added to the mean squared step [m2, rad2] that errors are compared with: errors far below that do not matter."""
+LEARNING = 5
+"""Scored samples after which that is begun: the first ones tell of the beginning, not of the target."""
+LEARNING_REGULAR = 9
+"""The same on the regular times, which have to be learnt first."""
+SHARPNESS = 12
+"""Weight of a predictor: mean squared error to the power of minus this."""
+BENEFIT = 0.75
+"""Factor on the mean squared error of the predictor that nothing moves: one step out of rest is no motion yet."""
+PREFERENCE = 0.5
+"""The other time base is taken when its error is below this part of that in use."""
+FLOOR = np.array((1e-12, 1e-10))
+"""Mean squared errors [m2, rad2] below which predictors count as equally good: a micrometre, 10 microradian."""
+
+_N = len(PREDICTORS)
+_DOUBT = np.array([1.0 if degree > 0 else BENEFIT for degree, _ in PREDICTORS])
+_DEGREE = np.array([degree for degree, _ in PREDICTORS] * 2)
+_FADE = np.array([fade for _, fade in PREDICTORS] * 2)
+_MOVING = (_DEGREE[:_N] > 0) / np.count_nonzero(_DEGREE[:_N])
+
+
+def variance_ratio(degree: int, fade: float) -> float:
+    """Variance of a prediction one period ahead, per variance of the samples (Morrison 1969)."""
+    series = ((1.0,), (5.0, 4.0, 1.0), (19.0, 24.0, 16.0, 6.0, 1.0))[degree]
+    return (1.0 - fade) / (1.0 + fade) ** (2 * degree + 1) * sum(c * fade**i for i, c in enumerate(series))
+
+
+_PART_OF_TARGET = np.array([1.0 - 1.0 / (1.0 + variance_ratio(*predictor)) for predictor in PREDICTORS])
+
+
+class Polynomials(NamedTuple):
+    """Every predictor's polynomial about one sample; arrays are never changed in place."""
+
+    value: Array
+    """(2 N, 6): position [m] in {s}, rotation vector [rad]."""
+    slope: Array
+    bend: Array
+    position: Vector
+    """Of the sample."""
+    orientation: Quaternion
+    """Of the sample; from here the rotation vectors count."""
+    times: tuple[float, float]
+    """Of the sample on the two time bases [s], from the first after the last jump or gap."""
+
+
+class Bank(NamedTuple):
+    """The predictors after the newest sample."""
+
+    now: Polynomials
+    scored: Polynomials
+    """As they were when last compared with a sample."""
+    known: int
+    """Samples since the last jump or gap."""
+    errors: Array
+    """(2 N, 2): faded sums of squared errors of position and orientation."""
+    weight: float
+    """The same of 1."""
+    long_errors: Array
+    """(2 N, 2): as ``errors``, over a longer time."""
+    long_steps: Array
+    """(2,): the same of the way between scored samples."""
+    long_weight: Array
+    """(2,): the same of 1 while the target moves, of less while it rests."""
+    long_count: int
+    """Scored samples that these hold."""
+    regular: bool
+    """The regular times are in use."""
+
+    @property
+    def unpredictability(self) -> tuple[float, float]:
+        """RMS error of the best predictor as part of the RMS step, of position and orientation; 0 unless known.
+
+        The noise of the samples that the predictions are compared with is taken off, as if all error were noise.
+        """
+        return _unpredictability(self.long_errors, self.long_steps, self.long_weight, self.long_count, self.regular)
+
+    def curve(self) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
+        """Position, rotation vector, and their derivatives at the newest sample, weighted over the predictors.
+
+        In the order of ``curve.Curve``: position, velocity, acceleration, rotation vector, its two derivatives.
+        """
+        now = self.now
+        return _curve(now.value, now.slope, now.bend, self.errors, self.weight, self.regular)
+
+
+def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regular: bool) -> Bank:
+    """Predictors that know one sample, and of what came before a jump or gap only who foretold it well.
+
+    ``regular`` says which times to begin with when there was nothing before.
+    """
+    value = np.zeros((2 * _N, 6))
+    value[:, :3] = position
+    zero = np.zeros((2 * _N, 6))
+    now = Polynomials(value, zero, zero, position, orientation, (0.0, 0.0))
+    if earlier is None:
+        errors = np.zeros((2 * _N, 2))
+        return Bank(now, now, 1, errors, 0.0, errors, np.zeros(2), np.zeros(2), 0, regular)
+    return earlier._replace(now=now, scored=now, known=1)
+
+
+@compiled
+def updated(
+    bank: Bank, position: Vector, orientation: Quaternion, elapsed_s: tuple[float, float], period_s: float
+) -> Bank:
+    """The predictors with one more sample, ``elapsed_s`` after the newest on the stamps and on the regular times."""
+    before, count = bank.now, bank.known + 1
+    horizon_s = max(period_s, SHORTEST_HORIZON_S)
+    dt = (max(elapsed_s[0], 1e-4), max(elapsed_s[1], 1e-4))
+    turn = to_vector(multiply(orientation, conjugate(before.orientation)))
+    sample = (position[0], position[1], position[2], turn[0], turn[1], turn[2])
+    value, slope, bend = np.empty((2 * _N, 6)), np.empty((2 * _N, 6)), np.empty((2 * _N, 6))
+    for i in range(2 * _N):
+        t = dt[i // _N]
+        g, h, k = _gains(_DEGREE[i], _FADE[i], t, horizon_s, float(count))
+        for j in range(6):
+            expected = _extrapolated(before, i, j, t)
+            error = sample[j] - expected
+            value[i, j] = expected + g * error
+            if j >= 3:
+                value[i, j] -= turn[j - 3]
+            slope[i, j] = before.slope[i, j] + t * before.bend[i, j] + h * error
+            bend[i, j] = before.bend[i, j] + k * error
+    times = (before.times[0] + dt[0], before.times[1] + dt[1])
+    now = Polynomials(value, slope, bend, position, orientation, times)
+    if count > 2 and times[0] - bank.scored.times[0] >= 0.75 * horizon_s:
+        return _scored(bank, now, count)
+    return Bank(
+        now,
+        bank.scored if count > 2 else now,  # a single sample foretells nothing
+        count,
+        bank.errors,
+        bank.weight,
+        bank.long_errors,
+        bank.long_steps,
+        bank.long_weight,
+        bank.long_count,
+        bank.regular,
+    )
+
+
+@compiled
+def _extrapolated(polynomials: Polynomials, predictor: int, axis: int, t: float) -> float:
+    value, slope, bend = polynomials.value, polynomials.slope, polynomials.bend
+    return float(value[predictor, axis] + t * (slope[predictor, axis] + 0.5 * (t * bend[predictor, axis])))
+
+
+@compiled
+def _gains(degree: int, fade_per_period: float, dt: float, horizon_s: float, n: float) -> tuple[float, float, float]:
+    """Of value, slope and bend for the n-th sample, n >= 2: growing memory until it is long enough, fading then."""
+    fade = fade_per_period ** (dt / horizon_s)
+    rest = 1.0 - fade
+    pairs = n * (n + 1.0)
+    triples = pairs * (n + 2.0)
+    if degree == 0:
+        return max(rest, 1.0 / n), 0.0, 0.0
+    if degree == 1:
+        return max(1.0 - fade * fade, (4.0 * n - 2.0) / pairs), max(rest * rest, 6.0 / pairs) / dt, 0.0
+    if n <= 2.0:  # two samples determine a line
+        return 1.0, 1.0 / dt, 0.0
+    return (
+        max(1.0 - fade * fade * fade, (9.0 * n * n - 9.0 * n + 6.0) / triples),
+        max(1.5 * rest * rest * (1.0 + fade), (36.0 * n - 18.0) / triples) / dt,
+        max(rest * rest * rest, 60.0 / triples) / (dt * dt),
+    )
+
+
+@compiled
+def _scored(bank: Bank, now: Polynomials, known: int) -> Bank:
+    """``bank`` with the predictors ``now``, after those of ``bank.scored`` have been compared with the sample."""
+    then = bank.scored
+    turn = to_vector(multiply(now.orientation, conjugate(then.orientation)))
+    sample = (now.position[0], now.position[1], now.position[2], turn[0], turn[1], turn[2])
+    squared = np.zeros((2 * _N, 2))
+    for i in range(2 * _N):
+        t = now.times[i // _N] - then.times[i // _N]
+        for j in range(6):
+            error = sample[j] - _extrapolated(then, i, j, t)
+            squared[i, j // 3] += error * error
+    errors = SCORE_MEMORY * bank.errors + squared
+    weight = SCORE_MEMORY * bank.weight + 1.0
+    raw, regular = _least_error(errors, weight, 0), _least_error(errors, weight, _N)
+    changes = raw < PREFERENCE * regular if bank.regular else regular < PREFERENCE * raw
+    in_use = bank.regular != changes
+    if known <= (LEARNING_REGULAR if in_use else LEARNING):
+        return Bank(
+            now,
+            now,
+            known,
+            errors,
+            weight,
+            bank.long_errors,
+            bank.long_steps,
+            bank.long_weight,
+            bank.long_count,
+            in_use,
+        )
+    step = np.array((length(difference(now.position, then.position)), length(turn))) ** 2
+    moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
+    kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving
+    return Bank(
+        now,
+        now,
+        known,
+        errors,
+        weight,
+        kept * bank.long_errors + squared,
+        kept * bank.long_steps + step,
+        kept * bank.long_weight + moving,
+        bank.long_count + 1,
+        in_use,
+    )
+
+
+@compiled
+def _least_error(errors: Array, weight: float, first: int) -> float:
+    """Of the predictors on one time base: least error of position times least error of orientation."""
+    product = 1.0
+    for half in range(2):
+        product *= (errors[first : first + _N, half] + weight * FLOOR[half]).min()
+    return product
+
+
+@compiled
+def _curve(
+    value: Array, slope: Array, bend: Array, errors: Array, weight: float, regular: bool
+) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
+    """:meth:`Bank.curve`."""
+    first = _N if regular else 0
+    found = np.zeros((3, 6))
+    for half in range(2):
+        weights = _MOVING
+        if weight > 0.0:
+            doubted = (errors[first : first + _N, half] + weight * FLOOR[half]) * _DOUBT
+            weights = (doubted.min() / doubted) ** SHARPNESS
+            weights = weights / weights.sum()
+        for i in range(_N):
+            for j in range(3 * half, 3 * half + 3):
+                found[0, j] += weights[i] * value[first + i, j]
+                found[1, j] += weights[i] * slope[first + i, j]
+                found[2, j] += weights[i] * bend[first + i, j]
+    x, v, a = found
+    return (
+        (x[0], x[1], x[2]),
+        (v[0], v[1], v[2]),
+        (a[0], a[1], a[2]),
+        (x[3], x[4], x[5]),
+        (v[3], v[4], v[5]),
+        (a[3], a[4], a[5]),
+    )
+
+
+@compiled
+def _unpredictability(errors: Array, steps: Array, weights: Array, count: int, regular: bool) -> tuple[float, float]:
+    """:attr:`Bank.unpredictability`."""
+    if count < LEARNING:
+        return (0.0, 0.0)
+    first = _N if regular else 0
+    parts = np.empty(2)
+    for half in range(2):
+        best = errors[first : first + _N, half].argmin()
+        way = steps[half] + (1.0 + weights[half]) * SMALL_STEP[half]
+        parts[half] = np.sqrt(errors[first + best, half] * _PART_OF_TARGET[best] / way)
+    return (parts[0], parts[1])

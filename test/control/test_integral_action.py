@@ -1,0 +1,86 @@
+"""Integral action: a steady disturbance leaves nothing over; nothing winds up where the arm cannot follow.
+
+The plant is the error itself: e' = disturbance - K_p e - K_i z, stepped at 500 Hz; what is not the integral's business
+(kinematics, limits) is tested elsewhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ik_node.control.integral_action import IntegralAction, IntegralMemory
+from ik_node.interfaces.snapshot import recall, remembered
+from ik_node.math.types import Array
+from ik_node.settings.groups import ControlSettings
+
+STEP_S = 0.002
+CONTROL = ControlSettings(gain_integral_linear=20.0, gain_integral_angular=20.0)
+DISTURBANCE = np.array([0.004, -0.002, 0.001, 0.01, 0.02, -0.01])
+
+
+def run(control: ControlSettings, duration_s: float, frozen: bool = False, start: Array | None = None) -> Array:
+    """The error over time, (ticks, 6)."""
+    action, error, found = IntegralAction(), np.zeros(6) if start is None else start, []
+    gains = np.repeat((control.gain_linear, control.gain_angular), 3)
+    for _ in range(round(duration_s / STEP_S)):
+        feedback = gains * error + action.twist(error, STEP_S, frozen, control)
+        error = error + STEP_S * (DISTURBANCE - feedback)
+        found.append(error)
+    return np.array(found)
+
+
+def test_a_steady_disturbance_leaves_nothing_over() -> None:
+    with_it, without = run(CONTROL, 5.0), run(ControlSettings(), 5.0)
+    assert np.abs(without[-1] - DISTURBANCE / 10.0).max() < 1e-9
+    assert np.abs(with_it[-1]).max() < 1e-8
+
+
+def test_up_to_a_quarter_of_the_squared_gain_it_does_not_oscillate() -> None:
+    """Beside the target at the start, the integral gives back what it took meanwhile: exp(-2) of the start, once."""
+    control = ControlSettings(gain_integral_linear=25.0, gain_integral_angular=25.0)
+    start = np.array([0.01, 0.0, 0.0, 0.0, 0.02, 0.0])
+    response = (run(control, 4.0, start=start) - run(control, 4.0))[:, 0] / start[0]
+    assert response.min() == pytest.approx(-np.exp(-2.0), abs=0.01)
+    assert (np.diff(np.sign(response[np.abs(response) > 1e-6])) != 0).sum() == 1
+
+
+def test_by_default_there_is_none() -> None:
+    action = IntegralAction()
+    assert not action.twist(np.ones(6), 1.0, False, ControlSettings()).any()
+    assert not action.value.any()
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_it_stands_still_while_the_arm_cannot_follow(frozen: bool) -> None:
+    action = IntegralAction()
+    error = np.array([0.01, 0.0, 0.0, 0.0, 0.01, 0.0])
+    before = action.twist(error, 0.1, False, CONTROL)
+    after = action.twist(error, 0.1, frozen, CONTROL)
+    assert np.array_equal(before, after) == frozen
+
+
+def test_it_stands_still_while_the_feedback_is_capped_and_each_half_for_itself() -> None:
+    action = IntegralAction()
+    far = np.array([0.2, 0.0, 0.0, 0.0, 0.01, 0.0])
+    twist = action.twist(far, 0.1, False, CONTROL)
+    assert not twist[:3].any()
+    assert twist[4] > 0.0
+
+
+def test_what_it_asks_for_is_capped() -> None:
+    action = IntegralAction()
+    for _ in range(10_000):
+        twist = action.twist(np.array([0.03, 0.04, 0.0, 0.0, 0.0, -0.1]), STEP_S, False, CONTROL)
+    assert np.abs(twist[:3] - CONTROL.max_integral_linear * np.array([0.6, 0.8, 0.0])).max() < 1e-12
+    assert twist[5] == pytest.approx(-CONTROL.max_integral_angular)
+    action.reset()
+    assert not action.value.any()
+
+
+def test_its_memory_goes_elsewhere() -> None:
+    one, other = IntegralAction(), IntegralAction()
+    one.twist(np.full(6, 0.01), 0.1, False, CONTROL)
+    recall(other, remembered(one, IntegralMemory))
+    error = np.full(6, -0.003)
+    assert np.array_equal(one.twist(error, 0.1, False, CONTROL), other.twist(error, 0.1, False, CONTROL))

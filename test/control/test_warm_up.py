@@ -1,0 +1,94 @@
+"""Nothing is compiled while an arm moves: after a rehearsal, recorded runs of every kind, and targets of every kind on
+an arm of another build, find everything compiled.
+
+Each run has a process of its own: what another run or test has compiled would hide what this one lacks.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support import PROJECT
+
+BAGS = sorted(path.parent for path in (PROJECT / "bags").glob("*/metadata.yaml"))
+PROGRAM = """
+import sys
+from ik_node.jit import compilations
+from ik_node.recording.call_log import RecordedCalls
+from ik_node.control.warm_up import rehearse
+from ik_node.replay.bitwise import replay
+
+bag = RecordedCalls(sys.argv[1])
+rehearsed = rehearse(bag.robot(), bag.head.settings)
+before = compilations()
+ticks = replay(bag).ticks
+print(rehearsed, ticks, compilations() - before)
+"""
+
+
+LOOP = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+from loop import Loop, make_robot
+from ik_node.interfaces.clock import NS
+from ik_node.jit import compilations
+from ik_node.interfaces.samples import ObstacleSample, PathSample, TrajectorySample, TwistSample
+from ik_node.control.warm_up import rehearse
+from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.settings.groups import Settings
+
+robot = make_robot(sys.argv[2])
+rehearsed = rehearse(robot, Settings())
+lower, upper = robot.limits.lower, robot.limits.upper
+start = np.where(np.isfinite(lower) & np.isfinite(upper), 0.3 * lower + 0.7 * upper, 0.5)
+before = compilations()
+loop = Loop(robot, start)
+controller, base = loop.controller, robot.base_frame
+loop.run(0.1)
+begin = loop.pose()
+times_ns = tuple(round(0.1 * count * NS) for count in range(6))
+points = begin[:3, 3] + 0.004 * np.arange(6.0)[:, None]
+quaternions = np.repeat(quaternion_from_rotation(begin[:3, :3])[None], 6, axis=0)
+controller.on_obstacles(
+    (ObstacleSample(0, base, "box", "add", "box", (0.1, 0.1, 0.1), points[-1] + 0.2, quaternions[0], 0),), loop.now
+)
+stamps = tuple(loop.now.ros_ns + time_ns for time_ns in times_ns)
+controller.on_target_path(PathSample((base,) * 6, stamps, points, quaternions), loop.now)
+loop.run(0.8)
+controller.on_target_path(PathSample((base,) * 6, (0,) * 6, points[::-1] + 0.01, quaternions), loop.now)
+loop.run(1.0)
+none = np.zeros((0, 6))
+controller.on_target_trajectory(TrajectorySample(0, base, times_ns, points, quaternions, none, none), loop.now)
+loop.run(0.3)
+controller.on_target_twist(TwistSample(0, base, np.full(6, 0.05)), loop.now)
+loop.run(0.5)
+loop.follow(lambda time: begin, 0.5, 50.0)
+far = begin.copy()
+far[:3, 3] += 5.0
+loop.target(far)
+loop.run(1.0)
+print(rehearsed, len(loop.steps), compilations() - before)
+"""
+
+
+@pytest.mark.parametrize("robot", ["z1", "talos_arm", "kinova"])
+def test_every_kind_of_target_finds_everything_compiled(robot: str) -> None:
+    _nothing_late([sys.executable, "-c", LOOP, str(PROJECT / "test"), robot])
+
+
+@pytest.mark.parametrize("bag", BAGS, ids=lambda path: path.name)
+def test_a_recorded_run_finds_everything_compiled(bag: Path) -> None:
+    _nothing_late([sys.executable, "-c", PROGRAM, str(bag)])
+
+
+def _nothing_late(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    rehearsed, ticks, late = map(int, done.stdout.split())
+    assert rehearsed > 0
+    assert ticks > 0
+    assert late == 0

@@ -110,8 +110,7 @@ def main() -> int:
     if task == "test":
         return test(options)
     if task == "ik_benchmark":  # not installed with the package: it stands in this checkout only
-        os.environ["PYTHONPATH"] = str(ROOT)
-        return run("python", "-m", "benchmarks", *options)
+        return run("python", "-c", "import sys; sys.path.insert(0, sys.argv.pop(1)); from benchmarks.__main__ import main; sys.exit(main())", str(ROOT), *options)
     executable = "ik_demo" if task == "demo" else task
     if not (BIN / executable).exists():
         sys.exit(

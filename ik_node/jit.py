@@ -1,87 +1,121 @@
-"""Functions compiled to machine code by numba, for what every tick does many times.
+"""Functions compiled to machine code by numba, for what every control step computes many times.
 
 A compiled function is Python without Python's objects: numbers, arrays, tuples and NamedTuples of them. It gives the
 bits of the interpreter (no sums in another order, no fused operations), many times faster.
 
-It is compiled when it is first called with arguments of new types, which takes seconds, and kept on disk from then on.
-:func:`ik_node.control.warm_up.rehearse` calls everything that a tick may call: nothing is compiled while an arm moves.
-Arrays handed to a compiled function are therefore C-contiguous float64 always: another memory layout is another type.
-What is kept is kept per digest of our code: numba notices a change of a function, but not one of a function in another
-file that it calls.
+It is compiled at its first call with arguments of new types, which takes seconds; the machine code is stored on disk.
+:func:`ik_node.control.warm_up.warm_up` calls everything that a control step may call, so that nothing is compiled while
+an arm moves. Arrays passed to a compiled function are C-contiguous float64: another memory layout is another type.
+
+Machine code is stored in a folder whose name is a digest of everything that it depends on: the modules that define
+compiled functions, where they are installed, Python, numba and the processor. numba itself notices a change of a
+function, but not of a function in another file that it calls. Constants of compiled functions are therefore defined in
+modules that define compiled functions, too; a test checks this.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import shutil
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-
-from ik_node.source import source_digest
+from llvmlite import binding
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-REHEARSED = "rehearsed"
-KEPT = 8
-"""So many versions of the package keep their machine code."""
-ROOM = 100_000_000
-"""Free bytes without which nothing is kept: a version takes a tenth of it."""
+MAX_STORED_VERSIONS = 8
+"""Folders of machine code kept on disk; the least recently used ones are removed."""
+MIN_FREE_BYTES = 100_000_000
+"""Free disk space below which nothing is stored: a version takes a tenth of it."""
+_WARM = "warm"
+_IMPORT = b"\nfrom ik_node.jit import"
 
 
-def _folder() -> Path | None:
-    """Where machine code of this version of the package is kept; None where nothing can be written, or hardly."""
+@cache
+def cache_folder() -> Path | None:
+    """Folder of this version's machine code; None where it cannot be written.
+
+    The first of these that is set: ``$NUMBA_CACHE_DIR/ik_node``, ``$XDG_CACHE_HOME/ik_node``, ``~/.cache/ik_node``.
+    """
     try:
         home = Path(os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        home = home / "ik_node"
-        folder = home / source_digest()
+        folder = home / "ik_node" / _cache_key()
         folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        with contextlib.suppress(OSError):  # another process tidies up too
-            for old in sorted(home.iterdir(), key=lambda path: path.stat().st_mtime)[:-KEPT]:
-                shutil.rmtree(old, ignore_errors=True)
-        roomy = shutil.disk_usage(folder).free > ROOM
+        has_space = shutil.disk_usage(folder).free > MIN_FREE_BYTES
     except (OSError, RuntimeError):  # RuntimeError: no home
         return None
-    return folder if roomy and os.access(folder, os.W_OK) else None
+    return folder if has_space and os.access(folder, os.W_OK) else None
 
 
-CACHE = _folder()
-"""Folder of the machine code; None: it is compiled anew in every process."""
-if CACHE is not None:
-    numba.config.CACHE_DIR = str(CACHE)
+def _cache_key() -> str:
+    if os.environ.get('IK_DEV_KEY'):  # DEV: remove before landing
+        return os.environ['IK_DEV_KEY']
+    package = Path(__file__).parent
+    digest = hashlib.sha256()
+    for part in (str(package), sys.version, numba.__version__, binding.get_host_cpu_name()):
+        digest.update(part.encode() + b"\0")
+    for path in sorted(package.rglob("*.py")):
+        source = path.read_bytes()
+        if path.name == "jit.py" or _IMPORT in source:
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source + b"\0")
+    return digest.hexdigest()[:16]
+
 
 _dispatchers: list[Any] = []
 _ufuncs: list[Any] = []
 
 
+@contextlib.contextmanager
+def _numba_cache() -> Iterator[bool]:
+    """numba's cache in our folder while one function is declared; yields whether there is one."""
+    folder, previous = cache_folder(), numba.config.CACHE_DIR
+    if folder is not None:
+        numba.config.CACHE_DIR = str(folder)
+    try:
+        yield folder is not None
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
 def compiled(function: Function) -> Function:
     """``function`` as machine code; division by zero gives inf or NaN, as in NumPy, and indices are not checked."""
-    _dispatchers.append(numba.njit(cache=CACHE is not None, error_model="numpy")(function))
+    with _numba_cache() as cached:
+        _dispatchers.append(numba.njit(cache=cached, error_model="numpy")(function))
     return cast(Function, _dispatchers[-1])
 
 
 def elementwise(function: Function) -> Callable[..., Any]:
     """A function of numbers as one of arrays, with NumPy's broadcasting."""
-    _ufuncs.append(numba.vectorize(cache=CACHE is not None)(function))
+    with _numba_cache() as cached:
+        _ufuncs.append(numba.vectorize(cache=cached)(function))
     return cast(Callable[..., Any], _ufuncs[-1])
 
 
-def first_time() -> bool:
-    """True until a rehearsal of this version has come to its end here: compiling all of it takes half a minute."""
-    return CACHE is None or not (CACHE / REHEARSED).exists()
+def is_cold() -> bool:
+    """True until :func:`mark_warm` was called for this version on this machine: compiling all of it takes a minute."""
+    folder = cache_folder()
+    return folder is None or not (folder / _WARM).exists()
 
 
-def rehearsed() -> None:
-    """A rehearsal has come to its end."""
-    if CACHE is not None:
-        with contextlib.suppress(OSError):
-            (CACHE / REHEARSED).touch()
+def mark_warm() -> None:
+    """States that the machine code of this version is complete, and removes that of the oldest versions."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    with contextlib.suppress(OSError):  # another process removes them too
+        (folder / _WARM).touch()
+        os.utime(folder)
+        for old in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-MAX_STORED_VERSIONS]:
+            shutil.rmtree(old, ignore_errors=True)
 
 
-def compilations() -> int:
-    """How often something has been compiled, or fetched from where it is kept, in this process."""
+def compilation_count() -> int:
+    """Number of specialisations that were compiled, or loaded from disk, in this process."""
     return sum(len(one.signatures) for one in _dispatchers) + sum(len(one.types) for one in _ufuncs)

@@ -20,9 +20,9 @@ os.environ.pop("RMW_IMPLEMENTATION", None)
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compiles once what the test processes would else all compile at the same time."""
-    from ik_node.jit import first_time
+    from ik_node.jit import is_cold
 
-    if first_time() and not hasattr(config, "workerinput"):
+    if is_cold() and not hasattr(config, "workerinput"):
         from loop import make_robot
 
         from ik_node.control.warm_up import rehearse

@@ -23,7 +23,7 @@ from ik_node.interfaces.samples import (
     TrajectorySample,
     TwistSample,
 )
-from ik_node.jit import compilations, rehearsed
+from ik_node.jit import compilation_count, mark_warm
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -41,7 +41,7 @@ NOTHING = np.zeros((0, 6))
 
 def rehearse(robot: Robot, settings: Settings) -> int:
     """Goes through all of it with a controller of its own; returns how many functions had to be fetched or compiled."""
-    before = compilations()
+    before = compilation_count()
     rehearsal = _Rehearsal(robot, settings)
     for method in METHODS:
         rehearsal.change({"method": method, "control_law": "twist_feedback"})
@@ -59,8 +59,8 @@ def rehearse(robot: Robot, settings: Settings) -> int:
     rehearsal.change({"control_law": "twist_feedback", "jacobian": "space"})
     rehearsal.stream(0.001, 2)
     rehearsal.singular_start()
-    rehearsed()
-    return compilations() - before
+    mark_warm()
+    return compilation_count() - before
 
 
 class _Rehearsal:

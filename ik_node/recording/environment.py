@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -13,7 +14,6 @@ from types import MappingProxyType
 import numpy as np
 
 import ik_node
-from ik_node.source import source_digest
 
 DISTRIBUTIONS = (
     "pin",
@@ -30,6 +30,20 @@ DISTRIBUTIONS = (
 SOURCE = "source"
 """Key of the digest of our own code."""
 _HARMLESS = ("rosbags", "mcap", "ros-jazzy-rclpy", "example-robot-data")  # carry bytes, do not calculate
+_NOT_COMPUTING = ("ros", "cli", "report", "viewer", "recording", "replay", "messages")
+"""Folders of this package that compute no command."""
+
+
+@cache
+def source_digest() -> str:
+    """Sixteen hexadecimal digits that change with every file of this package that can change a command."""
+    folder = Path(ik_node.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        place = path.relative_to(folder)
+        if place.parts[0] not in _NOT_COMPUTING:
+            digest.update(place.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
 
 @cache

@@ -17,7 +17,7 @@ from ik_node.errors import IkNodeError, InputError, RecordingError
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.samples import frames_of
 from ik_node.interfaces.step import Step
-from ik_node.jit import first_time
+from ik_node.jit import is_cold
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
 from ik_node.robot.catalogue import robot_from
@@ -98,7 +98,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return TransitionCallbackReturn.SUCCESS
 
     def _rehearse(self, robot: Robot, settings: Settings) -> None:
-        if first_time():
+        if is_cold():
             self.get_logger().info("compiling, once for this version: half a minute")
         began = time.monotonic()
         rehearse(robot, settings)

@@ -16,16 +16,16 @@ from support import PROJECT
 BAGS = sorted(path.parent for path in (PROJECT / "bags").glob("*/metadata.yaml"))
 PROGRAM = """
 import sys
-from ik_node.jit import compilations
+from ik_node.jit import compilation_count
 from ik_node.recording.call_log import RecordedCalls
 from ik_node.control.warm_up import rehearse
 from ik_node.replay.bitwise import replay
 
 bag = RecordedCalls(sys.argv[1])
 rehearsed = rehearse(bag.robot(), bag.head.settings)
-before = compilations()
+before = compilation_count()
 ticks = replay(bag).ticks
-print(rehearsed, ticks, compilations() - before)
+print(rehearsed, ticks, compilation_count() - before)
 """
 
 
@@ -35,7 +35,7 @@ import numpy as np
 sys.path.insert(0, sys.argv[1])
 from loop import Loop, make_robot
 from ik_node.interfaces.clock import NS
-from ik_node.jit import compilations
+from ik_node.jit import compilation_count
 from ik_node.interfaces.samples import ObstacleSample, PathSample, TrajectorySample, TwistSample
 from ik_node.control.warm_up import rehearse
 from ik_node.math.se3 import quaternion_from_rotation
@@ -45,7 +45,7 @@ robot = make_robot(sys.argv[2])
 rehearsed = rehearse(robot, Settings())
 lower, upper = robot.limits.lower, robot.limits.upper
 start = np.where(np.isfinite(lower) & np.isfinite(upper), 0.3 * lower + 0.7 * upper, 0.5)
-before = compilations()
+before = compilation_count()
 loop = Loop(robot, start)
 controller, base = loop.controller, robot.base_frame
 loop.run(0.1)
@@ -71,7 +71,7 @@ far = begin.copy()
 far[:3, 3] += 5.0
 loop.target(far)
 loop.run(1.0)
-print(rehearsed, len(loop.steps), compilations() - before)
+print(rehearsed, len(loop.steps), compilation_count() - before)
 """
 
 

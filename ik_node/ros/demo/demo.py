@@ -22,7 +22,7 @@ from ik_node.control.warm_up import rehearse
 from ik_node.errors import IkNodeError, SettingsError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
-from ik_node.jit import first_time
+from ik_node.jit import is_cold
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
 from ik_node.report import FILE_NAME, Truth, as_json, as_text, figures, truth_from, write_truth
@@ -80,7 +80,7 @@ class Demonstration:
             signal.signal(number, self._on_signal)
         out = self._options.out
         out.mkdir(parents=True)
-        if first_time():
+        if is_cold():
             print("compiling, once for this version: half a minute", flush=True)
             rehearse(self._robot, Settings())
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

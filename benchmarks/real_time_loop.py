@@ -60,7 +60,7 @@ class PacedLoop:
 
     def setup(self) -> RunSetup:
         """For a recording that begins now."""
-        state, geometry = self.controller.state(), self.controller.geometry
+        state, geometry = self.controller.capture(), self.controller.geometry
         return RunSetup("/ik_node", "panda", self.robot, self.settings, {}, state, geometry)
 
     def now(self) -> Instant:

@@ -31,7 +31,7 @@ class RecordedController:
     ) -> None:
         self.controller = controller
         robot = controller.robot
-        setup = RunSetup("/ik_node", "panda", robot, controller.settings, {}, controller.state(), controller.geometry)
+        setup = RunSetup("/ik_node", "panda", robot, controller.settings, {}, controller.capture(), controller.geometry)
         self.recording = RunRecording(directory, setup, now, options)
         self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
 

@@ -32,7 +32,7 @@ import numpy as np
 from ik_node.collision.distance_kernels import Indices, fastest_approach
 from ik_node.collision.distances import Clearance, Closest, Near
 from ik_node.collision.scene import Scene
-from ik_node.differential_ik.constrained import Dampers
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
 from ik_node.math.types import Array
@@ -53,7 +53,7 @@ class Surroundings(NamedTuple):
     """What a tick needs to know of obstacles and of the arm itself."""
 
     potential: Potential
-    dampers: Dampers
+    dampers: VelocityDampers
     closest: Closest
 
 
@@ -99,7 +99,7 @@ def _repulsion(
 
 def dampers(
     clearance: Clearance, count: int, qd: Array, change: Array, settings: ObstacleSettings, hold_s: float
-) -> Dampers:
+) -> VelocityDampers:
     """The dampers of the first ``count`` rows of ``clearance`` that can bind at velocities within ``change`` (n,) of
     ``qd`` (n,), rad/s (m/s)."""
     if count == 0:
@@ -119,7 +119,7 @@ def dampers(
         hold_s,
     )
     names = tuple(" - ".join(clearance.names(near.pair[row])) for row in can_bind.tolist())
-    return Dampers(rows, least, names)
+    return VelocityDampers(rows, least, names)
 
 
 @compiled
@@ -241,5 +241,5 @@ def _no_push(n: int) -> Potential:
 
 
 @cache
-def _no_dampers(n: int) -> Dampers:
-    return Dampers(np.zeros((0, n)), np.zeros(0), ())
+def _no_dampers(n: int) -> VelocityDampers:
+    return VelocityDampers(np.zeros((0, n)), np.zeros(0), ())

@@ -10,7 +10,6 @@ from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.avoidance import Surroundings, look_around
 from ik_node.collision.distances import Clearance, Closest
 from ik_node.collision.scene import Scene, obstacle, read_scene, shape
-from ik_node.differential_ik.posture import centring, towards
 from ik_node.errors import CollisionUnavailableError, InputError
 from ik_node.interfaces.clock import Instant, place
 from ik_node.interfaces.samples import ObstacleSample
@@ -110,16 +109,6 @@ class Lookout:
             return None
         self.scene = self.scene.at(time_ns)
         return look_around(self._clearance, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)
-
-    def secondary_gradient(self, q: Array) -> Array | None:
-        """Sum of the gradients of joint centring and posture, (n,), N m (N); None where none is asked for."""
-        settings, total = self._settings, None
-        if settings.centring > 0.0:
-            total = centring(self._robot, q, settings.centring).gradient
-        if settings.posture_weight > 0.0 and len(settings.posture) == self._robot.n:
-            pull = towards(self._robot, q, np.array(settings.posture), settings.posture_weight).gradient
-            total = pull if total is None else total + pull
-        return total
 
 
 __all__ = ["Closest", "Lookout", "Surroundings"]

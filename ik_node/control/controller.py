@@ -24,11 +24,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from ik_node.collision.scene import Scene
-from ik_node.control.controller_state import ControllerMemory, ControllerState
+from ik_node.control.controller_state import CycleSnapshot, ControllerSnapshot
 from ik_node.control.following_error import FollowMonitor
-from ik_node.control.joint_states import JointState, JointStateMerger, MergerMemory
-from ik_node.control.state_machine import Supervision, SupervisionMemory
-from ik_node.control.status import StatusMemory
+from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
+from ik_node.control.state_machine import Supervision, StateMachineSnapshot
+from ik_node.control.status import StatusSnapshot
 from ik_node.control.velocity_controller import Decision, Law
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces.clock import NS, Instant, place
@@ -40,10 +40,10 @@ from ik_node.interfaces.samples import (
     TrajectorySample,
     TwistSample,
 )
-from ik_node.interfaces.snapshot import recall, remembered
+from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
 from ik_node.math.types import Array
-from ik_node.robot.frames import Frames, FramesMemory
+from ik_node.robot.frames import Frames, FramesSnapshot
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
@@ -225,32 +225,32 @@ class Controller:
 
     # --- state -------------------------------------------------------------------------------------------------------
 
-    def state(self) -> ControllerState:
+    def capture(self) -> ControllerSnapshot:
         """Everything that decides what comes next, beside the robot and the settings."""
-        return ControllerState(
-            remembered(self, ControllerMemory),
-            remembered(self._supervision, SupervisionMemory),
-            remembered(self._status, StatusMemory),
-            remembered(self._states, MergerMemory),
-            remembered(self._frames, FramesMemory),
-            self._targets.state(),
-            self._follow.memory(),
-            self._law.memory(),
+        return ControllerSnapshot(
+            capture(self, CycleSnapshot),
+            capture(self._supervision, StateMachineSnapshot),
+            capture(self._status, StatusSnapshot),
+            capture(self._states, JointStateSnapshot),
+            capture(self._frames, FramesSnapshot),
+            self._targets.capture(),
+            self._follow.capture(),
+            self._law.capture(),
             self._law.solver.lookout.scene,
         )
 
-    def restore(self, state: ControllerState) -> None:
-        """Goes on, bit for bit, where a controller of the same robot and settings was in ``state``."""
-        recall(self, state.controller)
+    def restore(self, snapshot: ControllerSnapshot) -> None:
+        """Goes on, bit for bit, where a controller of the same robot and settings was when ``snapshot`` was captured."""
+        restore(self, snapshot.cycle)
         self._frames.position = None if self._state is None else self._state.position
-        recall(self._supervision, state.supervision)
-        recall(self._status, state.status)
-        recall(self._states, state.joint_states)
-        recall(self._frames, state.frames)
-        self._targets.restore(state.targets)
-        self._follow.recall(state.follow)
-        self._law.recall(state.law)
-        self._law.solver.lookout.scene = state.scene
+        restore(self._supervision, snapshot.supervision)
+        restore(self._status, snapshot.status)
+        restore(self._states, snapshot.joint_states)
+        restore(self._frames, snapshot.frames)
+        self._targets.restore(snapshot.targets)
+        self._follow.restore(snapshot.follow)
+        self._law.restore(snapshot.law)
+        self._law.solver.lookout.scene = snapshot.scene
 
     # --- one tick ----------------------------------------------------------------------------------------------------
 

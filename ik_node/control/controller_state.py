@@ -8,16 +8,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ik_node.collision.scene import Scene
-from ik_node.control.following_error import FollowMemory
-from ik_node.control.joint_states import JointState, MergerMemory
-from ik_node.control.state_machine import SupervisionMemory
-from ik_node.control.status import StatusMemory
-from ik_node.control.velocity_controller import LawMemory
-from ik_node.robot.frames import FramesMemory
-from ik_node.targets.arbiter import TargetsState
+from ik_node.control.following_error import FollowingErrorSnapshot
+from ik_node.control.joint_states import JointState, JointStateSnapshot
+from ik_node.control.state_machine import StateMachineSnapshot
+from ik_node.control.status import StatusSnapshot
+from ik_node.control.velocity_controller import VelocityControllerSnapshot
+from ik_node.robot.frames import FramesSnapshot
+from ik_node.targets.arbiter import TargetsSnapshot
 
 
-class ControllerMemory(NamedTuple):
+class CycleSnapshot(NamedTuple):
     """What the controller itself remembers; its attributes of the same names."""
 
     targets_refused: int
@@ -32,15 +32,15 @@ class ControllerMemory(NamedTuple):
     keep_targets: bool
 
 
-class ControllerState(NamedTuple):
+class ControllerSnapshot(NamedTuple):
     """Everything that decides what a controller does next, beside its robot and its settings."""
 
-    controller: ControllerMemory
-    supervision: SupervisionMemory
-    status: StatusMemory
-    joint_states: MergerMemory
-    frames: FramesMemory
-    targets: TargetsState
-    follow: FollowMemory
-    law: LawMemory
+    cycle: CycleSnapshot
+    supervision: StateMachineSnapshot
+    status: StatusSnapshot
+    joint_states: JointStateSnapshot
+    frames: FramesSnapshot
+    targets: TargetsSnapshot
+    follow: FollowingErrorSnapshot
+    law: VelocityControllerSnapshot
     scene: Scene

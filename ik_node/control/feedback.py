@@ -27,7 +27,7 @@ class DesiredTwist(NamedTuple):
     """V: feed-forward plus feedback."""
 
 
-class IkMemory(NamedTuple):
+class IkDifferenceSnapshot(NamedTuple):
     """What :class:`IkDifference` remembers."""
 
     solution: Array | None

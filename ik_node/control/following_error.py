@@ -29,7 +29,7 @@ WORDS = (
 """Of these verdicts."""
 
 
-class FollowMemory(NamedTuple):
+class FollowingErrorSnapshot(NamedTuple):
     """What a :class:`FollowMonitor` remembers: the arm at the last k measurements."""
 
     times_ns: NDArray[np.int64]
@@ -58,17 +58,17 @@ class FollowMonitor:
         self._settings = settings
         self._window_ns = round(settings.window_s * NS)
 
-    def memory(self) -> FollowMemory:
-        """For :meth:`recall`."""
+    def capture(self) -> FollowingErrorSnapshot:
+        """For :meth:`restore`."""
         rows = self._rows
         kept = (self._first + np.arange(self._count)) % len(rows.times_ns)
-        return FollowMemory(rows.times_ns[kept], rows.positions[kept], rows.told[kept], rows.sums[kept])
+        return FollowingErrorSnapshot(rows.times_ns[kept], rows.positions[kept], rows.told[kept], rows.sums[kept])
 
-    def recall(self, memory: FollowMemory) -> None:
-        """Goes on, bit for bit, from ``memory``."""
-        self._first, self._count = 0, len(memory.times_ns)
+    def restore(self, snapshot: FollowingErrorSnapshot) -> None:
+        """Goes on, bit for bit, from ``snapshot``."""
+        self._first, self._count = 0, len(snapshot.times_ns)
         self._rows = _empty_rows(max(2 * self._count, 256), self._robot.n)
-        for column, values in zip(self._rows, memory, strict=True):
+        for column, values in zip(self._rows, snapshot, strict=True):
             column[: self._count] = values.reshape(self._count, *column.shape[1:])
 
     def forget(self) -> None:
@@ -81,7 +81,7 @@ class FollowMonitor:
         Returns why the robot does not follow; empty while it does, or while too little was asked of it to tell.
         """
         if self._count == len(self._rows.times_ns):
-            self.recall(self.memory())
+            self.restore(self.capture())
         self._first, self._count, verdict = _observed(
             *self._rows,
             self._first,
@@ -97,8 +97,8 @@ class FollowMonitor:
         return WORDS[verdict]
 
 
-def _empty_rows(count: int, n: int) -> FollowMemory:
-    return FollowMemory(
+def _empty_rows(count: int, n: int) -> FollowingErrorSnapshot:
+    return FollowingErrorSnapshot(
         np.empty(count, dtype=np.int64), np.empty((count, n)), np.empty((count, n)), np.empty((count, 2))
     )
 

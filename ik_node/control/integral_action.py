@@ -21,7 +21,7 @@ NOTHING = np.zeros(6)
 """Shared: z is never written into, but replaced."""
 
 
-class IntegralMemory(NamedTuple):
+class IntegralSnapshot(NamedTuple):
     """What :class:`IntegralAction` remembers."""
 
     value: Array

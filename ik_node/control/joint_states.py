@@ -26,7 +26,7 @@ class JointState(NamedTuple):
     """Monotonic time at which it held: of its oldest part."""
 
 
-class MergerMemory(NamedTuple):
+class JointStateSnapshot(NamedTuple):
     """What a :class:`JointStateMerger` remembers."""
 
     position: Array

@@ -29,7 +29,7 @@ SMOOTHING = 1.0
 """Time over which the target's acceleration is averaged, in latenesses."""
 
 
-class LateArmMemory(NamedTuple):
+class SmithPredictorSnapshot(NamedTuple):
     """What a :class:`LateArm` remembers; its attributes of the same names."""
 
     time_ns: int

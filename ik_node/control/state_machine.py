@@ -18,7 +18,7 @@ HELD_BACK = (Mode.PAUSED, Mode.FAULT)
 """Modes that only a request ends."""
 
 
-class SupervisionMemory(NamedTuple):
+class StateMachineSnapshot(NamedTuple):
     """What a :class:`Supervision` remembers, beside its status."""
 
     ramp: Ramp | None

@@ -16,7 +16,7 @@ CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
 """Modes in which a control law is at work."""
 
 
-class StatusMemory(NamedTuple):
+class StatusSnapshot(NamedTuple):
     """What a :class:`StatusKeeper` remembers."""
 
     status: Status

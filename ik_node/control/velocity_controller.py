@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.control.feedback import DesiredTwist, IkDifference, IkMemory, twist_feedback
-from ik_node.control.integral_action import IntegralAction, IntegralMemory
+from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot, twist_feedback
+from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
-from ik_node.control.smith_predictor import LateArm, LateArmMemory
+from ik_node.control.smith_predictor import LateArm, SmithPredictorSnapshot
 from ik_node.differential_ik.solution import NOTHING_LOST, Moment, Outcome
-from ik_node.differential_ik.solver import TickMemory, TickSolver
+from ik_node.differential_ik.solver import SolverSnapshot, TickSolver
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.motion import Motion
-from ik_node.interfaces.snapshot import recall, remembered
+from ik_node.interfaces.snapshot import capture, restore
 from ik_node.jit import compiled
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -38,7 +38,7 @@ class Decision(NamedTuple):
     """For how long the last command had stood."""
 
 
-class CommandMemory(NamedTuple):
+class CommandSnapshot(NamedTuple):
     """What a :class:`Law` itself remembers; its attributes of the same names."""
 
     velocity: Array
@@ -51,14 +51,14 @@ class CommandMemory(NamedTuple):
     """Whether a part of the twist was given up at the last tick."""
 
 
-class LawMemory(NamedTuple):
+class VelocityControllerSnapshot(NamedTuple):
     """Everything that decides what the law does next, beside its robot and its settings."""
 
-    command: CommandMemory
-    ik_difference: IkMemory
-    integral: IntegralMemory
-    late: LateArmMemory
-    solver: TickMemory
+    command: CommandSnapshot
+    ik_difference: IkDifferenceSnapshot
+    integral: IntegralSnapshot
+    late: SmithPredictorSnapshot
+    solver: SolverSnapshot
 
 
 class Law:
@@ -83,23 +83,23 @@ class Law:
         self._control = settings.control
         self._late.configure(settings.control)
 
-    def memory(self) -> LawMemory:
-        """For :meth:`recall`."""
-        return LawMemory(
-            remembered(self, CommandMemory),
-            remembered(self._ik, IkMemory),
-            remembered(self._integral, IntegralMemory),
-            remembered(self._late, LateArmMemory),
-            self.solver.memory(),
+    def capture(self) -> VelocityControllerSnapshot:
+        """For :meth:`restore`."""
+        return VelocityControllerSnapshot(
+            capture(self, CommandSnapshot),
+            capture(self._ik, IkDifferenceSnapshot),
+            capture(self._integral, IntegralSnapshot),
+            capture(self._late, SmithPredictorSnapshot),
+            self.solver.capture(),
         )
 
-    def recall(self, memory: LawMemory) -> None:
-        """Goes on, bit for bit, from ``memory``."""
-        recall(self, memory.command)
-        recall(self._ik, memory.ik_difference)
-        recall(self._integral, memory.integral)
-        recall(self._late, memory.late)
-        self.solver.recall(memory.solver)
+    def restore(self, snapshot: VelocityControllerSnapshot) -> None:
+        """Goes on, bit for bit, from ``snapshot``."""
+        restore(self, snapshot.command)
+        restore(self._ik, snapshot.ik_difference)
+        restore(self._integral, snapshot.integral)
+        restore(self._late, snapshot.late)
+        self.solver.restore(snapshot.solver)
 
     def begin(self, time_ns: int, commanded_ns: int) -> None:
         """The arm begins anew, at rest at the measurement of ``time_ns``."""

@@ -36,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
 from ik_node.differential_ik.closed_form import IDENTITY, Resolution, resolve
 from ik_node.differential_ik.exact_program import (
@@ -58,17 +59,6 @@ from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds, cause
 
 Flags = NDArray[np.bool_]
-
-
-class Dampers(NamedTuple):
-    """Linear constraints ``rows`` qd >= ``least`` that keep the speed of approach to obstacles low."""
-
-    rows: Array
-    """(k, n), m per rad (m per m)."""
-    least: Array
-    """(k,), m/s."""
-    names: tuple[str, ...]
-    """What each one is about, k of them."""
 
 
 class Bounded(NamedTuple):
@@ -102,7 +92,7 @@ class Bounded(NamedTuple):
         """True where a limit or a damper changed the answer."""
         return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
 
-    def binding(self, bounds: JointBounds, joints: tuple[str, ...], dampers: Dampers | None = None) -> tuple[str, ...]:
+    def binding(self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None) -> tuple[str, ...]:
         """What bound, by name: ``velocity panda_joint4``, ``acceleration ...``, ``position ...``, ``damper ...``."""
         names = () if dampers is None else dampers.names
         return names_of_binding(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
@@ -134,7 +124,7 @@ def solve(
     *,
     row_scale: Array | None = None,
     null_space_cap: Array | None = None,
-    dampers: Dampers | None = None,
+    dampers: VelocityDampers | None = None,
     free: Resolution | None = None,
     parts: Decomposition | None = None,
 ) -> Bounded:
@@ -170,7 +160,7 @@ def solve(
     return _bound(free, parts, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
 
 
-def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: Dampers | None) -> Bounded:
+def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> Bounded:
     nothing = np.zeros(len(lo), dtype=bool)
     count = 0 if dampers is None else len(dampers.least)
     return Bounded(
@@ -198,7 +188,7 @@ def _bound(
     weight: Array | None,
     gradient: Array | None,
     row_scale: Array,
-    dampers: Dampers | None,
+    dampers: VelocityDampers | None,
 ) -> Bounded:
     n = len(lo)
     base, slack = np.minimum(np.maximum(0.0, lo), hi), np.zeros(0)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
-from ik_node.differential_ik.constrained import Dampers
 from ik_node.differential_ik.singular_directions import smooth_step
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds
@@ -42,7 +42,7 @@ def let_go(
     twist: Array,
     row_scale: Array,
     bounds: JointBounds,
-    dampers: Dampers | None,
+    dampers: VelocityDampers | None,
     blocked_s: float,
 ) -> Array:
     """``velocity`` (n,) on its way to the one that comes nearest to the twist, its direction given up."""

@@ -12,6 +12,7 @@ from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, Resolutio
 from ik_node.differential_ik.deadlock import PATIENCE_S, blocked, let_go
 from ik_node.differential_ik.fast_path import LOWER, UPPER, Usual, per_joint_of, usual_tick
 from ik_node.differential_ik.methods import METHODS
+from ik_node.differential_ik.posture import secondary_gradient
 from ik_node.differential_ik.singularity import START, Passage, PassageState, pass_singularities
 from ik_node.differential_ik.solution import NOTHING_LOST, Moment, Outcome
 from ik_node.errors import InputError
@@ -29,7 +30,7 @@ ESCAPE_N = 100.0
 """Push along the null space out of a singularity in which a part of the twist is given up."""
 
 
-class TickMemory(NamedTuple):
+class SolverSnapshot(NamedTuple):
     """What one tick hands to the next."""
 
     passage: PassageState
@@ -46,7 +47,7 @@ class TickSolver:
         """Raises SettingsError when limits do not fit the robot, and as :class:`Lookout` does."""
         self._robot = robot
         self.lookout = Lookout(robot, settings.obstacles)
-        self._memory = TickMemory(START, 1.0, 0.0)
+        self._snapshot = SolverSnapshot(START, 1.0, 0.0)
         self.configure(settings)
 
     def configure(self, settings: Settings) -> None:
@@ -54,6 +55,7 @@ class TickSolver:
         self.limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         self.lookout.configure(settings.obstacles)
         self._control = settings.control
+        self._obstacles = settings.obstacles
         self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
@@ -64,17 +66,17 @@ class TickSolver:
         self._per_joint = per_joint_of(self.limits, self._null_space_cap)
         self._no_rows = np.zeros((0, self._robot.n))
 
-    def memory(self) -> TickMemory:
-        """For :meth:`recall`."""
-        return self._memory
+    def capture(self) -> SolverSnapshot:
+        """For :meth:`restore`."""
+        return self._snapshot
 
-    def recall(self, memory: TickMemory) -> None:
-        """Goes on, bit for bit, from ``memory``."""
-        self._memory = memory
+    def restore(self, snapshot: SolverSnapshot) -> None:
+        """Goes on, bit for bit, from ``snapshot``."""
+        self._snapshot = snapshot
 
     def begin(self) -> None:
         """The arm begins anew: nothing has been lost yet."""
-        self._memory = TickMemory(START, 1.0, 0.0)
+        self._snapshot = SolverSnapshot(START, 1.0, 0.0)
 
     @property
     def without_effect(self) -> str:
@@ -111,9 +113,9 @@ class TickSolver:
             self.limits,
             self._row_scale,
             self._singularity,
-            self._memory.passage,
+            self._snapshot.passage,
             moment.elapsed_s,
-            self._memory.scale,
+            self._snapshot.scale,
         )
         if passage.keep < 1.0 and passage.state.branch is None and self._robot.n > 6:
             # The null space is of use to get away from the singularity that the arm started in.
@@ -165,8 +167,8 @@ class TickSolver:
             )
         scale = 1.0 if answer is None else answer.scale
         fastest = float(np.abs(twist).max())
-        blocked_s = blocked(self._memory.blocked_s, passage.pace * scale, fastest, moment.elapsed_s)
-        self._memory = TickMemory(passage.state, scale, blocked_s)
+        blocked_s = blocked(self._snapshot.blocked_s, passage.pace * scale, fastest, moment.elapsed_s)
+        self._snapshot = SolverSnapshot(passage.state, scale, blocked_s)
         if answer is not None and blocked_s > PATIENCE_S:
             dampers = None if seen is None else seen.dampers
             velocity = let_go(answer.joint_velocity, jacobian, twist, self._row_scale, bounds, dampers, blocked_s)
@@ -206,7 +208,7 @@ class TickSolver:
         )
         if not answer.usual:
             return None
-        before, blocked_s = self._memory, 0.0
+        before, blocked_s = self._snapshot, 0.0
         if answer.scale < 1.0 or before.blocked_s > 0.0:
             fastest = float(np.abs(twist).max())
             blocked_s = blocked(before.blocked_s, answer.scale, fastest, moment.elapsed_s)
@@ -216,7 +218,7 @@ class TickSolver:
         if passage is not START:
             lost_s = max(0.0, passage.lost_s - moment.elapsed_s)
             passage = START._replace(lost_s=lost_s) if lost_s > 0.0 else START
-        self._memory = TickMemory(passage, answer.scale, blocked_s)
+        self._snapshot = SolverSnapshot(passage, answer.scale, blocked_s)
         task, potential = answer.multiplier_task, answer.multiplier_potential
         if to_frame is not None:
             task, potential = to_frame.T @ task, to_frame.T @ potential
@@ -279,7 +281,7 @@ class TickSolver:
         """Weight and gradient of the method, the secondary gradients added."""
         repulsion = None if seen is None else seen.potential.gradient
         weight, gradient = self._method(self._robot, moment.q_middle, repulsion)
-        secondary = self.lookout.secondary_gradient(moment.q)
+        secondary = secondary_gradient(self._robot, moment.q, self._obstacles)
         if secondary is not None:
             gradient = secondary if gradient is None else gradient + secondary
         return weight, gradient

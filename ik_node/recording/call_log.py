@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ik_node.control.controller import Controller
-from ik_node.control.controller_state import ControllerState
+from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import InputError, RecordingError
 from ik_node.messages.decode import decode_string
 from ik_node.messages.parameters import decode_parameters
@@ -56,7 +56,7 @@ class Event(NamedTuple):
 class Checkpoint(NamedTuple):
     """What the controller remembered at this point of a recording."""
 
-    state: ControllerState
+    state: ControllerSnapshot
 
 
 class Head(NamedTuple):
@@ -66,7 +66,7 @@ class Head(NamedTuple):
     setup: Mapping[str, Any]
     urdf: str
     settings: Settings
-    state: ControllerState | None
+    state: ControllerSnapshot | None
     """Where the run begins; None: with a controller that has not been called yet."""
 
 
@@ -183,10 +183,10 @@ class RecordedCalls:
             raise RecordingError(f"'{self.path}', topic {message.topic}: {error}") from error
 
 
-def decode_state(data: bytes) -> ControllerState:
+def decode_state(data: bytes) -> ControllerSnapshot:
     """The state in a message of the topic ``state``; InputError when it holds none."""
     try:
-        state: ControllerState = from_json(decode_string(data), ControllerState)
+        state: ControllerSnapshot = from_json(decode_string(data), ControllerSnapshot)
     except InputError as error:
         raise InputError(f"the controller's memory in it is that of another version of ik_node: {error}") from error
     return state

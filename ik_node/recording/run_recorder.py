@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 import ik_node
-from ik_node.control.controller_state import ControllerState
+from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.step import Step
@@ -83,7 +83,7 @@ class RunSetup(NamedTuple):
     topics: Mapping[str, str]
     """Inputs (:data:`INPUT_TYPES`) and outputs (:data:`ik_node.messages.TYPES`) -> ROS name, where it is not the usual
     one."""
-    state: ControllerState | None = None
+    state: ControllerSnapshot | None = None
     """What the controller remembers when the recording begins; None: it has not been called yet."""
     geometry: str = ""
     """A digest of what distances are measured with."""
@@ -175,7 +175,7 @@ class RunRecording:
         """A message that went out beside the Steps: status, diagnostics."""
         self._put(self._outputs[message.topic], message.data, now.ros_ns)
 
-    def between_calls(self, state: Callable[[], ControllerState], now: Instant) -> None:
+    def between_calls(self, state: Callable[[], ControllerSnapshot], now: Instant) -> None:
         """To be told after each call and what it led to: here a new file can begin, with the controller's state.
 
         The state is written too once nothing has to be left out any more, so that a replay can go on from there.
@@ -225,7 +225,7 @@ class RunRecording:
         data = encode_parameters(self.node, now.ros_ns, parameters)
         return self._put(self._channels[PARAMETERS], data, now.ros_ns).sequence
 
-    def _put_state(self, state: ControllerState, now: Instant) -> bool:
+    def _put_state(self, state: ControllerSnapshot, now: Instant) -> bool:
         return self._put(self._channels[STATE], encode_string(to_json(state)), now.ros_ns).written
 
     def _own_channel(self, name: str, type_name: str, qos: Qos | None = None) -> int:

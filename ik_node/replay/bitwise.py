@@ -138,7 +138,7 @@ class _Replay:
             self._astray = False
         elif self._found.identical:
             self._found.checkpoints += 1
-            there, here = to_json(checkpoint.state), to_json(self._controller.state())
+            there, here = to_json(checkpoint.state), to_json(self._controller.capture())
             if there != here and not self._found.elsewhere:
                 self._note(Parting(*self._where(self._last), "state", there, here, math.inf), 0.0)
 

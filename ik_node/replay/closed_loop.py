@@ -107,7 +107,7 @@ class _Arm:
         # A real arm may stand outside the limits of its model.
         lower, upper = np.minimum(robot.limits.lower, position), np.maximum(robot.limits.upper, position)
         self._arm = SimulatedArm(position, JointLimits(lower, upper, robot.limits.velocity), time_ns)
-        self._arm.command(controller.state().law.command.velocity, time_ns)
+        self._arm.command(controller.capture().law.command.velocity, time_ns)
         self._joints = robot.joints
         self._places: dict[tuple[str, ...], list[tuple[int, int]]] = {}
         self._max_age_ns = round(max_age_s * NS)

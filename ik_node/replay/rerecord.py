@@ -29,7 +29,7 @@ def record_simulation(source: Source, changes: Mapping[str, Value], directory: P
     controller = source.controller(settings)
     robot = controller.robot
     begin = next(calls(source)).call.now
-    setup = RunSetup(NODE, settings.arm.robot, robot, settings, {}, controller.state(), controller.geometry)
+    setup = RunSetup(NODE, settings.arm.robot, robot, settings, {}, controller.capture(), controller.geometry)
     recording = RunRecording(directory, setup, begin, OPTIONS)
     outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
 

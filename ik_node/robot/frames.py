@@ -19,7 +19,7 @@ from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 
 
-class FramesMemory(NamedTuple):
+class FramesSnapshot(NamedTuple):
     """What :class:`Frames` remembers beside the last measurement."""
 
     answers: dict[str, Array]

@@ -34,7 +34,7 @@ class NodeRecorder:
         if self._recording is None:
             settings = controller.settings
             name = self._node.get_fully_qualified_name()
-            robot, state = controller.robot, controller.state()
+            robot, state = controller.robot, controller.capture()
             setup = RunSetup(name, settings.arm.robot, robot, settings, topics, state, controller.geometry)
             usual = datetime.now().strftime("ik_node_%Y%m%d-%H%M%S")
             directory = Path(settings.recording.directory or usual)

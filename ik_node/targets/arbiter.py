@@ -31,8 +31,8 @@ from ik_node.robot.frames import Frames
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.targets.jerk_limited_filter import RigidMotion
-from ik_node.targets.jog import Jog, JogState, TwistFrame
-from ik_node.targets.path.follower import PathFollower, PathState
+from ik_node.targets.jog import Jog, JogSnapshot, TwistFrame
+from ik_node.targets.path.follower import PathFollower, PathSnapshot
 from ik_node.targets.path.request import (
     FASTEST_M_S,
     FASTEST_RAD_S,
@@ -41,7 +41,7 @@ from ik_node.targets.path.request import (
     route_of_path,
     route_of_trajectory,
 )
-from ik_node.targets.stream.stream import StreamedPoses, StreamState
+from ik_node.targets.stream.stream import StreamedPoses, StreamSnapshot
 
 TURNS = 4
 """So many changes of command between two inputs ..."""
@@ -59,7 +59,7 @@ class Source(Enum):
     TWIST = "target_twist"
 
 
-class TargetsState(NamedTuple):
+class TargetsSnapshot(NamedTuple):
     """Everything that is remembered; plain data."""
 
     source: Source
@@ -70,9 +70,9 @@ class TargetsState(NamedTuple):
     time_ns: int
     remark: str
     """What a person should know about the last path or twist."""
-    stream: StreamState
-    path: PathState
-    jog: JogState
+    stream: StreamSnapshot
+    path: PathSnapshot
+    jog: JogSnapshot
 
 
 class Targets:
@@ -96,25 +96,25 @@ class Targets:
         self._path.configure(settings)
         self._jog.configure(settings.jog)
 
-    def state(self) -> TargetsState:
+    def capture(self) -> TargetsSnapshot:
         """A snapshot, for :meth:`restore`."""
-        return TargetsState(
+        return TargetsSnapshot(
             self._source,
             self._rival,
             self._changes_ns,
             self._time_ns,
             self._remark,
-            self._stream.state(),
-            self._path.state(),
-            self._jog.state(),
+            self._stream.capture(),
+            self._path.capture(),
+            self._jog.capture(),
         )
 
-    def restore(self, state: TargetsState) -> None:
+    def restore(self, snapshot: TargetsSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._source, self._rival, self._changes_ns, self._time_ns, self._remark = state[:5]
-        self._stream.restore(state.stream)
-        self._path.restore(state.path)
-        self._jog.restore(state.jog)
+        self._source, self._rival, self._changes_ns, self._time_ns, self._remark = snapshot[:5]
+        self._stream.restore(snapshot.stream)
+        self._path.restore(snapshot.path)
+        self._jog.restore(snapshot.jog)
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 

@@ -87,7 +87,7 @@ class Leash(NamedTuple):
 
 
 @dataclass
-class JogState:
+class JogSnapshot:
     """Everything that is remembered. Values are immutable, so that a shallow copy is a snapshot."""
 
     drive: Drive = field(default_factory=Drive)
@@ -103,7 +103,7 @@ class Jog:
 
     def __init__(self, settings: JogSettings) -> None:
         self.configure(settings)
-        self._state = JogState()
+        self._state = JogSnapshot()
 
     def configure(self, settings: JogSettings) -> None:
         """Other settings from now on."""
@@ -114,18 +114,18 @@ class Jog:
         )
         self._leash = Leash(s.leash_distance, s.leash_angle)
 
-    def state(self) -> JogState:
+    def capture(self) -> JogSnapshot:
         """A snapshot, for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
-    def restore(self, state: JogState) -> None:
+    def restore(self, snapshot: JogSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._state = dataclasses.replace(state)
+        self._state = dataclasses.replace(snapshot)
 
     def begin(self, reference: RigidMotion, time_ns: int) -> None:
         """From now on; comes to rest from how ``reference`` moves until a twist comes."""
         raised = strengthened(self._limits, reference)
-        self._state = JogState(Drive(time_ns, within(reference, raised)), limits=raised)
+        self._state = JogSnapshot(Drive(time_ns, within(reference, raised)), limits=raised)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
         """Goes on with the same twist from somewhere else."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loop import make_robot
 
-from ik_node.control.following_error import FollowMemory, FollowMonitor
+from ik_node.control.following_error import FollowingErrorSnapshot, FollowMonitor
 from ik_node.recording.json_codec import from_json, to_json
 from ik_node.settings.groups import FollowSettings
 
@@ -37,10 +37,10 @@ def test_it_goes_on_from_its_memory(ticks: int) -> None:
     steps = [(tick * TICK_NS, rng.normal(size=7), rng.normal(size=7)) for tick in range(ticks + 400)]
     for step in steps[:ticks]:
         first.observe(*step)
-    second.recall(from_json(to_json(first.memory()), FollowMemory))
+    second.restore(from_json(to_json(first.capture()), FollowingErrorSnapshot))
     for step in steps[ticks:]:
         assert first.observe(*step) == second.observe(*step)
-    assert to_json(first.memory()) == to_json(second.memory())
-    kept = first.memory().times_ns
+    assert to_json(first.capture()) == to_json(second.capture())
+    kept = first.capture().times_ns
     assert (np.diff(kept) == TICK_NS).all()
     assert kept[-1] - kept[0] <= 2_001 * TICK_NS, "no more than the long window is kept"

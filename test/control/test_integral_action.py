@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ik_node.control.integral_action import IntegralAction, IntegralMemory
-from ik_node.interfaces.snapshot import recall, remembered
+from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
+from ik_node.interfaces.snapshot import capture, restore
 from ik_node.math.types import Array
 from ik_node.settings.groups import ControlSettings
 
@@ -81,6 +81,6 @@ def test_what_it_asks_for_is_capped() -> None:
 def test_its_memory_goes_elsewhere() -> None:
     one, other = IntegralAction(), IntegralAction()
     one.twist(np.full(6, 0.01), 0.1, False, CONTROL)
-    recall(other, remembered(one, IntegralMemory))
+    restore(other, capture(one, IntegralSnapshot))
     error = np.full(6, -0.003)
     assert np.array_equal(one.twist(error, 0.1, False, CONTROL), other.twist(error, 0.1, False, CONTROL))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from loop import READY, Loop, make_robot
 
-from ik_node.control.smith_predictor import LateArm, LateArmMemory
+from ik_node.control.smith_predictor import LateArm, SmithPredictorSnapshot
 from ik_node.interfaces.clock import NS
-from ik_node.interfaces.snapshot import recall, remembered
+from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Mode
 from ik_node.math import se3
 from ik_node.math.types import Array
@@ -50,7 +50,7 @@ def test_the_model_goes_on_from_its_memory() -> None:
     for tick in range(50):
         late.command(rng.normal(size=3), tick * 2_000_000)
     other = LateArm(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
-    recall(other, remembered(late, LateArmMemory))
+    restore(other, capture(late, SmithPredictorSnapshot))
     assert (other.lead(200_000_000) == late.lead(200_000_000)).all()
 
 

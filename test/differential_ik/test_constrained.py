@@ -12,9 +12,10 @@ import pytest
 from scipy.optimize import linprog
 
 from benchmarks import reference_solvers
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained, quadratic_program
 from ik_node.differential_ik.closed_form import resolve
-from ik_node.differential_ik.constrained import Bounded, Dampers
+from ik_node.differential_ik.constrained import Bounded
 from ik_node.errors import InputError
 from ik_node.math.pseudoinverse import decompose
 from ik_node.math.types import Array
@@ -103,7 +104,7 @@ def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows()
         assert slowed.attained == pytest.approx(3.0 * slowed.scale * now, abs=1e-9)
 
 
-def reference_scale(jacobian: Array, twist: Array, answer: Bounded, lo: Array, hi: Array, dampers: Dampers) -> float:
+def reference_scale(jacobian: Array, twist: Array, answer: Bounded, lo: Array, hi: Array, dampers: VelocityDampers) -> float:
     """scipy's s with the dampers, less what our answer says they gave way."""
     n, base = len(lo), answer.base_velocity
     found = linprog(
@@ -128,7 +129,7 @@ def test_dampers_are_obeyed_or_give_way_by_the_least_amount(name: str) -> None:
         lo, hi = -robot.limits.velocity, 0.1 * robot.limits.velocity
         count = int(rng.integers(1, 4))
         rows = rng.normal(size=(count, robot.n)) * rng.choice([1e-3, 0.3])
-        dampers = Dampers(rows, rng.uniform(-0.3, 0.1, count), tuple("abc"[:count]))
+        dampers = VelocityDampers(rows, rng.uniform(-0.3, 0.1, count), tuple("abc"[:count]))
         answer = constrained.solve(
             task.jacobian, task.twist, lo, hi, task.weight, task.gradient, task.gain, dampers=dampers
         )
@@ -159,7 +160,7 @@ def test_a_damper_limits_approach_and_never_retreat() -> None:
     robot = reference_solvers.arm("ur5")
     jacobian = robot.evaluate(np.array([0.3, -1.2, 1.5, -1.0, -1.4, 0.2])).jacobian_b
     towards = np.array([0.2, 0.1, 0.0, 0.0, 0.0, 0.0])
-    dampers = Dampers(-jacobian[:1], np.array([-0.05]), ("forearm - box",))  # n along +x: at most 0.05 m/s that way.
+    dampers = VelocityDampers(-jacobian[:1], np.array([-0.05]), ("forearm - box",))  # n along +x: at most 0.05 m/s that way.
     box = 3.0 * np.ones(6)
     away = constrained.solve(jacobian, -towards, -box, box, dampers=dampers)
     assert (away.joint_velocity == resolve(jacobian, -towards, checked=True).joint_velocity).all()

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks import reference_solvers
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
-from ik_node.differential_ik.constrained import Dampers, names_of_binding
+from ik_node.differential_ik.constrained import names_of_binding
 from ik_node.differential_ik.fast_path import LOWER, UPPER, Usual, per_joint_of, usual_tick
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import conceded, joint_bounds, motion_limits
@@ -41,7 +42,7 @@ class Case:
         self.weight, self.gradient, self.gain = task.weight, task.gradient, task.gain
         rows = rng.normal(size=(seed % 2 * 3, n))
         least = rows @ self.previous - 10.0 ** rng.uniform(-4.0, 0.0, len(rows))
-        self.dampers = Dampers(rows, least, tuple(f"pair {row}" for row in range(len(rows))))
+        self.dampers = VelocityDampers(rows, least, tuple(f"pair {row}" for row in range(len(rows))))
         self.cap = np.full(n, 0.5)
         self.bounds = joint_bounds(self.limits, self.q, self.previous, ELAPSED_S)
 

@@ -19,8 +19,8 @@ from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.avoidance import look_around
 from ik_node.collision.distances import Clearance
 from ik_node.collision.scene import AHEAD_S, Scene, obstacle, read_scene, shape
+from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained, gravity, posture
-from ik_node.differential_ik.constrained import Dampers
 from ik_node.differential_ik.manipulability import dexterity
 from ik_node.errors import InputError, SceneError
 from ik_node.math.types import Array
@@ -249,7 +249,7 @@ def test_dampers_name_only_what_can_bind() -> None:
     assert look_around(clearance, scene, q, qd, change, SETTINGS, 0.01, 0).dampers.names == ()
     fast = np.linalg.pinv(robot.evaluate(q).jacobian_b) @ np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     fast = fast + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    found: Dampers = look_around(clearance, scene, q, fast, change, SETTINGS, 0.01, 0).dampers
+    found: VelocityDampers = look_around(clearance, scene, q, fast, change, SETTINGS, 0.01, 0).dampers
     assert found.names
     assert all("post" in name or "panda" in name.split(" - ")[1] for name in found.names)
     assert not any("far" in name for name in found.names)

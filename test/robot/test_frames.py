@@ -14,7 +14,7 @@ import pytest
 from loop import READY, Loop, make_robot
 
 from ik_node.control.controller import Controller
-from ik_node.control.controller_state import ControllerState
+from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import TargetRefused
 from ik_node.interfaces.samples import ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample, frames_of
 from ik_node.interfaces.step import Mode
@@ -74,10 +74,10 @@ def test_answers_are_a_part_of_the_memory_and_the_same_bits_come_back() -> None:
     """A recording that starts in the middle has them, through JSON."""
     loop = holding()
     loop.controller.on_transform(answer(CAMERA), loop.now)
-    state = from_json(to_json(loop.controller.state()), ControllerState)
+    state = from_json(to_json(loop.controller.capture()), ControllerSnapshot)
     other = Controller(loop.robot, loop.settings)
     other.restore(state)
-    assert (other.state().frames.answers["camera"] == loop.controller.state().frames.answers["camera"]).all()
+    assert (other.capture().frames.answers["camera"] == loop.controller.capture().frames.answers["camera"]).all()
     other.on_target_pose(seen(loop.pose()), loop.now)
     assert other.status.mode in (Mode.HOLDING, Mode.TRACKING)
 
@@ -97,7 +97,7 @@ def test_a_frame_of_the_model_cannot_be_moved_by_an_answer() -> None:
     """tf may know the robot's own frames, later than the last joint state: the model's count."""
     loop = holding()
     loop.controller.on_transform(answer(CAMERA).replace("camera", "panda_link3"), loop.now)
-    assert "panda_link3" not in loop.controller.state().frames.answers
+    assert "panda_link3" not in loop.controller.capture().frames.answers
 
 
 def test_the_frames_of_every_input_are_found() -> None:

@@ -18,7 +18,7 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.json_codec import from_json, to_json
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import Source, Targets, TargetsState
+from ik_node.targets.arbiter import Source, Targets, TargetsSnapshot
 from ik_node.targets.jog import TwistFrame
 
 TICK_NS = 2_000_000
@@ -371,7 +371,7 @@ def test_the_same_calls_give_the_same_bits_also_from_a_snapshot_in_between() -> 
     for cut in (150, 350, 600, 750, 1050, 1400, 2250):
         first = Run()
         script(first, 0, cut)
-        snapshot = from_json(to_json(first.targets.state()), TargetsState)
+        snapshot = from_json(to_json(first.targets.capture()), TargetsSnapshot)
         second = Run()
         second.targets.start(np.eye(4), 0)
         second.targets.restore(snapshot)
@@ -401,7 +401,7 @@ def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> N
         twists = []
         for tick in range(1000):
             if tick in cuts:
-                snapshot = from_json(to_json(targets.state()), TargetsState)
+                snapshot = from_json(to_json(targets.capture()), TargetsSnapshot)
                 targets = Targets(Settings(), robot)
                 targets.restore(snapshot)
             twists.append(targets.advance(tick * TICK_NS, TICK_S).twist_d)

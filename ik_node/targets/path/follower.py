@@ -61,7 +61,7 @@ LONGEST_GAP_S = 0.25
 
 
 @dataclass
-class PathState:
+class PathSnapshot:
     """Everything that is remembered of a path. Values are immutable, so that a shallow copy is a snapshot."""
 
     time_ns: int = 0
@@ -85,7 +85,7 @@ class PathFollower:
         """``robot``: so that paths without times get some that its joints can keep; else the tool's bounds count."""
         self._timing = PathTiming(settings, robot)
         self.configure(settings)
-        self._state = PathState()
+        self._state = PathSnapshot()
         self._timed: TimedPath | None = None
 
     def configure(self, settings: Settings) -> None:
@@ -97,18 +97,18 @@ class PathFollower:
             bounds(s.approach_angular_speed, s.approach_angular_acceleration, s.approach_angular_jerk),
         )
 
-    def state(self) -> PathState:
+    def capture(self) -> PathSnapshot:
         """A snapshot, for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
-    def restore(self, state: PathState) -> None:
+    def restore(self, snapshot: PathSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._state = dataclasses.replace(state)
-        self._timed = None if state.knots is None else TimedPath(state.knots, state.law)
+        self._state = dataclasses.replace(snapshot)
+        self._timed = None if snapshot.knots is None else TimedPath(snapshot.knots, snapshot.law)
 
     def forget(self) -> None:
         """No path any more."""
-        self._state, self._timed = PathState(), None
+        self._state, self._timed = PathSnapshot(), None
 
     # --- beginning ---------------------------------------------------------------------------------------------------
 
@@ -119,7 +119,7 @@ class PathFollower:
         """
         due = route.begin_ns is None or route.begin_ns <= time_ns
         moving = due and route.begin_ns is not None and is_moving(reference)
-        s = self._state = PathState(time_ns=time_ns, begin_ns=route.begin_ns)
+        s = self._state = PathSnapshot(time_ns=time_ns, begin_ns=route.begin_ns)
         self._set_knots(route, moving)
         if not route.timed:
             s.search = self._timing.begin(self._path.spline, q)

@@ -48,7 +48,7 @@ REPEATED = 0.5
 
 
 @dataclass
-class StreamState:
+class StreamSnapshot:
     """Everything that the motion remembers. Values are immutable, so that a shallow copy is a snapshot."""
 
     pursuit: Pursuit = field(default_factory=lambda: pursuit_from(RigidMotion(), 0))
@@ -69,7 +69,7 @@ class StreamedPoses:
     """Samples of a pose in, T_sd(t) and V_d(t) out. All times are monotonic nanoseconds."""
 
     def __init__(self, settings: TargetSettings) -> None:
-        self._state = StreamState()
+        self._state = StreamSnapshot()
         self.configure(settings)
 
     def configure(self, settings: TargetSettings) -> None:
@@ -94,13 +94,13 @@ class StreamedPoses:
         )
         self._pack()
 
-    def state(self) -> StreamState:
+    def capture(self) -> StreamSnapshot:
         """A snapshot, for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
-    def restore(self, state: StreamState) -> None:
+    def restore(self, snapshot: StreamSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._state = dataclasses.replace(state)
+        self._state = dataclasses.replace(snapshot)
         self._pack()
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
@@ -110,7 +110,7 @@ class StreamedPoses:
 
     def take_over(self, motion: RigidMotion, time_ns: int) -> None:
         """As :meth:`start`, from where another reference is, and as it moves."""
-        self._state = StreamState(pursuit_from(motion, time_ns))
+        self._state = StreamSnapshot(pursuit_from(motion, time_ns))
         self._pack()
 
     def rest_at(self, motion: RigidMotion, time_ns: int) -> None:

@@ -202,7 +202,7 @@ def test_the_same_input_gives_the_same_bits_and_a_snapshot_goes_on() -> None:
     samples = hostile(3)
     whole, first = Run(pose()).go(4.0, samples), Run(pose()).go(2.0, samples)
     second = Run(pose())
-    second.stream.restore(first.stream.state())
+    second.stream.restore(first.stream.capture())
     second.tick = first.tick
     second.go(4.0, samples)
     assert np.array_equal(np.array(whole.twists), np.array(first.twists + second.twists))

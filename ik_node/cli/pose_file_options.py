@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 from typing import Any
 
-from ik_node.trajectory.pose_file import PoseFileFormat
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 
 
 def add_options(group: argparse._ArgumentGroup) -> None:

@@ -10,6 +10,7 @@ import re
 from typing import NamedTuple
 
 from ik_node.errors import TrajectoryFileError
+from ik_node.trajectory.pose_file_format import TIME_UNITS
 from ik_node.trajectory.pose_table import Table
 
 POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation")
@@ -18,8 +19,6 @@ GOAL_WORDS = ("goal", "target", "desired", "command")
 """A file with several poses most likely means the one of these to be followed."""
 TIME_WORDS = ("time", "timestamp", "stamp", "t", "ros", "log", "sec")
 """Names of a time column, alone or with a unit behind them."""
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Unit -> seconds."""
 LAYOUTS: dict[int, tuple[bool, int, int]] = {2: (False, 2, 0), 3: (False, 3, 0), 7: (False, 3, 4), 8: (True, 3, 4)}
 """Columns without names: whether the first is the time, how many make the position, how many the quaternion."""
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,71 +10,21 @@ from ik_node.errors import InputError, TrajectoryFileError
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.trajectory import pose_columns
-from ik_node.trajectory.pose_columns import TIME_UNITS, Columns
+from ik_node.trajectory.pose_columns import Columns
+from ik_node.trajectory.pose_file_format import (
+    DEFAULT_DURATION_S,
+    LENGTH_UNITS,
+    LONGEST_S,
+    NO_COLUMN,
+    ORDERS,
+    TIME_UNITS,
+    PoseFileFormat,
+)
 from ik_node.trajectory.pose_table import Table, read_table
 from ik_node.trajectory.sampled import SampledTrajectory
 
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Unit -> metres."""
-ORDERS = ("xyzw", "wxyz")
-NO_COLUMN = "none"
-"""Given as the quaternion's or time's column: the file's is not to be used."""
-DEFAULT_DURATION_S = 10.0
-"""Length of a motion whose file holds no time."""
 LARGEST_POSITION_M = 3.0
 """Without a stated unit, positions beyond this are not believed to be metres."""
-LONGEST_S = 86400.0
-"""Stamps that span more are not believed to be in the unit assumed."""
-
-
-def option(default: Any, about: str, choices: tuple[str, ...] = ()) -> Any:
-    """A field of :class:`PoseFileFormat` that a command line can offer."""
-    return field(default=default, metadata={"description": about, "choices": choices})
-
-
-@dataclass(frozen=True)
-class PoseFileFormat:
-    """How to read a file of poses. What is left empty is found out from the file, and said by ``describe()``.
-
-    Columns are names, or numbers counted from 0. A file without z, or without orientation, takes them from the arm's
-    start pose.
-    """
-
-    prefix: str = option("", "begin of the names of the columns to use, when the file holds several poses")
-    position: tuple[str, ...] = option((), "columns x, y and z; two when there is no z")
-    quaternion: tuple[str, ...] = option((), f"the quaternion's four columns; or {NO_COLUMN}")
-    order: str = option("", "order of the quaternion's columns", ORDERS)
-    units: str = option("", "unit of length in the file; default: m", tuple(LENGTH_UNITS))
-    time: str = option("", f"column of time; or {NO_COLUMN}: samples are evenly spaced")
-    time_unit: str = option("", "unit of that column; default: s", tuple(TIME_UNITS))
-    time_file: str = option("", "file that holds the column of time, row by row, when it is another one")
-    demo: int = option(0, "which demonstration of an NPY file")
-    duration_s: float | None = option(
-        None, f"play the whole file in this time; default: its own, or {DEFAULT_DURATION_S:g} s when it holds none"
-    )
-    start_s: float = option(0.0, "begin here, in seconds of the motion")
-    end_s: float | None = option(None, "end here, in seconds of the motion")
-    relative: bool = option(False, "lay the first pose onto the arm's start pose and keep the base's axes")
-    scale: float = option(1.0, "enlarge the path about its first point; turns stay")
-    offset: tuple[float, float, float] = option((0.0, 0.0, 0.0), "move the path, in metres along the base's axes")
-
-    def __post_init__(self) -> None:
-        for name, value, valid in (
-            ("order", self.order, ORDERS),
-            ("units", self.units, tuple(LENGTH_UNITS)),
-            ("time_unit", self.time_unit, tuple(TIME_UNITS)),
-        ):
-            if value and value not in valid:
-                raise TrajectoryFileError(f"{name} is '{value}'; valid: {', '.join(valid)}")
-        if len(self.position) not in (0, 2, 3):
-            raise TrajectoryFileError(f"position names {len(self.position)} columns; expected 2 or 3")
-        if len(self.quaternion) not in (0, 4) and self.quaternion != (NO_COLUMN,):
-            raise TrajectoryFileError(f"quaternion names {len(self.quaternion)} columns; expected 4, or {NO_COLUMN}")
-        if self.duration_s is not None and not 0.0 < self.duration_s <= LONGEST_S:
-            raise TrajectoryFileError(f"duration_s is {self.duration_s}; valid: above 0 to {LONGEST_S:g}")
-        numbers = (self.scale, self.start_s, *self.offset, 0.0 if self.end_s is None else self.end_s)
-        if not np.isfinite(numbers).all():
-            raise TrajectoryFileError("scale, offset, start_s and end_s must be finite")
 
 
 class PoseFileTrajectory(SampledTrajectory):

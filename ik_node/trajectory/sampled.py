@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ik_node.errors import InputError
 from ik_node.math import se3
+from ik_node.math.numerics import smoothstep
 from ik_node.math.types import Array
 
 
@@ -89,7 +90,7 @@ class SampledTrajectory:
         index = min(max(bisect_right(self._knots, time_s) - 1, 0), len(self._knots) - 2)
         begin, end = self._knots[index], self._knots[index + 1]
         u = min(max((time_s - begin) / (end - begin), 0.0), 1.0)
-        weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
+        weights = (1.0 - (1.0 - u) ** 3, smoothstep(u), u**3)
         pose = np.eye(4)
         pose[:3, 3] = self._positions[index] + weights @ self._legs[index]
         rotation = self._rotations[index]

@@ -17,7 +17,8 @@ from support import shared_path
 
 from ik_node.errors import InputError, TrajectoryFileError
 from ik_node.math import se3
-from ik_node.trajectory.pose_file import PoseFileFormat, load
+from ik_node.trajectory.pose_file import load
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
 
 START = se3.exp(np.array([0.3, 0.1, 0.5, 3.0, 0.2, -0.1]))

@@ -1,4 +1,4 @@
-"""The smallest capsule found around a set of points: a search over directions of its axis."""
+"""Smallest bounding capsule of a set of points, by a search over the direction of its axis."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 from ik_node.math.types import Array
 
 DIRECTIONS = 80
-"""Directions tried over the half sphere before the best is refined."""
+"""Number of directions on the half sphere that are compared before refinement."""
 
 REFINEMENTS = 30
-"""Smaller and smaller steps around the best direction."""
+"""Number of refinement steps, of decreasing size, around the best direction."""
 
 
 class Capsule(NamedTuple):
-    """A cylinder along z with round ends."""
+    """A cylinder along z with hemispherical ends."""
 
     rotation: Array
-    """(3, 3), third column along the axis."""
+    """(3, 3); its third column is the axis."""
     centre: Array
     """(3,), m."""
     radius: float
     """m."""
     length: float
-    """Between the centres of the ends, m."""
+    """Distance between the centres of the hemispheres, m."""
 
 
 def around(points: Array) -> Capsule:
-    """A capsule that contains ``points`` (p, 3), of the least volume that the search finds. Deterministic."""
+    """Capsule of the smallest volume found that contains ``points`` (p, 3), m. Deterministic."""
     count = np.arange(DIRECTIONS) + 0.5
     polar, turn = np.arccos(1.0 - count / DIRECTIONS), np.pi * (1.0 + 5.0**0.5) * count
     directions = np.column_stack((np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)))
@@ -51,7 +51,7 @@ def _volume(solid: Capsule) -> float:
 
 
 def _along(points: Array, axis: Array) -> Capsule:
-    """The capsule whose axis has this direction: the smallest circle across, then the nearest possible ends."""
+    """Capsule with this axis direction: the smallest circle across the axis, then the shortest length."""
     other = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(other, axis)
     first /= np.linalg.norm(first)
@@ -60,7 +60,7 @@ def _along(points: Array, axis: Array) -> Capsule:
     middle = _circle(local[:, :2])
     apart = ((local[:, :2] - middle) ** 2).sum(axis=1)
     radius = float(np.sqrt(apart.max())) * (1.0 + 1e-9)
-    # A point this far from the axis lies inside an end that is no further away than this.
+    # A point at this distance from the axis lies inside a hemisphere whose centre is at most this far away along it.
     room = np.sqrt(np.maximum(radius**2 - apart, 0.0))
     top, bottom = float((local[:, 2] - room).max()), float((local[:, 2] + room).min())
     if top < bottom:
@@ -70,7 +70,7 @@ def _along(points: Array, axis: Array) -> Capsule:
 
 
 def _circle(points: Array) -> Array:
-    """Centre of a circle around points in a plane, near the smallest: steps to the farthest (Badoiu and Clarkson)."""
+    """Centre of an approximately smallest enclosing circle in the plane (Badoiu and Clarkson)."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     for count in range(1, 31):
         offset = points - centre

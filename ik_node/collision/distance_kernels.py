@@ -1,14 +1,14 @@
-"""Pairs of solids at one tick: how fast they can approach, which to measure, how their distances change.
+"""Compiled functions on pairs of solids: bounds of the approach speed, pairs to compute, gradients of distances.
 
-Solids are numbered: the arm's links, then the obstacles. Everything is seen from the model's root. ``firsts``,
-``seconds`` (pairs,) are the numbers of a pair's solids, ``moves`` (solids, m) is 1 where a moving joint moves a solid,
-``reach`` (pairs, n) says how far a joint's motion can change a distance at most, m per rad (1 for m).
+Solids are indexed: first the links of the arm, then the obstacles. All vectors are expressed in the root frame of the
+model. ``firsts`` and ``seconds`` (pairs,) are the indices of the solids of a pair; ``moves`` (solids, m) is 1 where a
+moving joint moves a solid; ``reach`` (pairs, n) bounds the change of a distance per joint motion, m per rad (1 for m).
 
-What is known of distances is kept in four arrays: ``bound`` (pairs,), m, no pair is nearer than that; ``fresh``
-(pairs,): the bound is the distance, measured at this q; for these ``normals`` (pairs, 3), unit vectors from the first
-to the second solid, and ``points`` (pairs, 2, 3), m, the nearest points on both.
+The state of the distance computation consists of four arrays: ``bound`` (pairs,), m, a lower bound of each distance;
+``fresh`` (pairs,), True where the bound is the distance at the present q; and, valid where fresh, ``normals``
+(pairs, 3), unit vectors from the first to the second solid, and ``points`` (pairs, 2, 3), m, the nearest points.
 
-Arrays are handed over one by one: putting them into a NamedTuple takes longer than what is done with them here.
+The arrays are separate arguments because packing them into a NamedTuple takes longer than these functions.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from ik_node.math.types import Array
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-FARTHEST = 1e6
-"""Distances beyond this, m, are no distances."""
+MAX_DISTANCE_M = 1e6
+"""A result of a larger magnitude, m, is not a valid distance."""
 
-NONE_LEFT, NONE_NEAR = -1, -2
-"""Instead of a pair that must be measured."""
+ALL_MEASURED, NO_PAIR_NEAR = -1, -2
+"""Values returned instead of the index of a pair; see :func:`next_pair`."""
 
-UNIT = 1e-3
-"""Normals whose square is further from 1 are no directions."""
+UNIT_TOLERANCE = 1e-3
+"""Largest deviation of the squared norm of a normal from 1."""
 
 
-class Near(NamedTuple):
-    """Pairs within the distance that was asked for, in a fixed order, k of them."""
+class NearPairs(NamedTuple):
+    """The k pairs within the requested range, in ascending order of their indices."""
 
     pair: Indices
-    """Numbers of the pairs, for :meth:`ik_node.collision.distances.Clearance.names`, (k,)."""
+    """Indices of the pairs, (k,); see :meth:`ik_node.collision.distances.DistanceQuery.names`."""
     distance: Array
     """(k,), m; negative in penetration."""
     slope: Array
     """d(distance)/dq, (k, n), m per rad (m)."""
     drift: Array
-    """What the obstacles' own motion does to the distances, (k,), m/s; negative towards the arm."""
+    """Rates of the distances due to the motion of the obstacles, (k,), m/s; negative towards the arm."""
     self_collision: Array
-    """1 for pairs of links, 0 for obstacles, (k,)."""
+    """1 for pairs of links, 0 for pairs of link and obstacle, (k,)."""
 
 
 @compiled
-def note_motion(
+def store_obstacle_motion(
     new_pose: Array,
     old_pose: Array,
     velocity: Array,
@@ -61,13 +61,14 @@ def note_motion(
     speeds: Array,
     motions: Array,
 ) -> float:
-    """Notes how an obstacle moves; how far any point of it is from where it was at most, m.
+    """Stores the motion of an obstacle; returns the largest displacement of its points since the old pose, m.
 
-    ``new_pose``, ``old_pose`` (4, 4), ``velocity``, ``spin`` (3,) in the base frame, which the root sees at
-    ``root_base`` (4, 4); ``reach``: largest distance of its points from its origin. ``speeds`` (obstacles,): no point
-    is faster. ``motions`` (obstacles, 3, 3): velocities, angular velocities and origins, in the root's axes.
+    ``new_pose``, ``old_pose`` (4, 4), ``velocity``, ``spin`` (3,) are expressed in the base frame; ``root_base`` (4, 4)
+    is its pose in the root frame. ``reach``: largest distance of a point from the obstacle's origin, m. Written are
+    ``speeds`` (obstacles,), upper bounds of the speeds of all points, m/s, and ``motions`` (obstacles, 3, 3): velocity,
+    angular velocity and origin in the root frame.
     """
-    speeds[obstacle] = _size(velocity) + _size(spin) * reach
+    speeds[obstacle] = _norm(velocity) + _norm(spin) * reach
     for axis in range(3):
         row = root_base[axis]
         motions[obstacle, 0, axis] = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2]
@@ -83,20 +84,20 @@ def note_motion(
 
 
 @compiled
-def _size(vector: Array) -> float:
+def _norm(vector: Array) -> float:
     return float(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]))
 
 
 @compiled
-def lower_bounds_of(solid: int, motion: float, seconds: Indices, bound: Array) -> None:
-    """Lowers the bounds of the pairs whose second is a solid that has moved by ``motion``, m."""
+def decrease_bounds_of_solid(solid: int, motion: float, seconds: Indices, bound: Array) -> None:
+    """Decreases the bounds of the pairs whose second solid is ``solid``, which has moved by ``motion``, m."""
     for pair in range(len(bound)):
         if seconds[pair] == solid:
             bound[pair] -= motion
 
 
 @compiled
-def fastest_approach(
+def approach_speed_bounds(
     motion: Array,
     change: Array,
     jacobian: Array,
@@ -108,11 +109,22 @@ def fastest_approach(
     seconds: Indices,
     reach: Array,
 ) -> Array:
-    """(pairs,): how fast a distance can shrink at most, m/s.
+    """Upper bounds of the rates at which the distances can decrease.
 
-    ``motion`` (m,): velocities of the moving joints; ``change`` (n,): by how much the controlled joints' differ from
-    that; ``jacobian`` (m, 6): twists that the moving joints give. ``centres`` (links, 3), ``radii`` (links,): balls
-    around the links, m. ``obstacle_speeds`` (obstacles,): no point of theirs is faster, m/s.
+    Args:
+        motion: Velocities of the moving joints, (m,), rad/s (m/s).
+        change: Largest difference of the velocities of the controlled joints from those, (n,), rad/s (m/s).
+        jacobian: Twists per joint velocity, (m, 6), linear part first, in the root frame.
+        moves: 1 where a joint moves a link, (links, m).
+        centres: Centres of the links' bounding spheres, (links, 3), m.
+        radii: Their radii, (links,), m.
+        obstacle_speeds: Upper bounds of the obstacles' speeds, (obstacles,), m/s.
+        firsts: Index of the first solid of each pair, (pairs,).
+        seconds: Index of the second solid of each pair, (pairs,).
+        reach: Bound of the change of distance per joint motion, (pairs, n), m per rad (1 for m).
+
+    Returns:
+        The bounds, (pairs,), m/s.
     """
     links, twist = len(radii), np.empty(6)
     fastest = np.empty(links + len(obstacle_speeds))
@@ -127,7 +139,7 @@ def fastest_approach(
         vx = twist[0] + (spin[1] * z - spin[2] * y)
         vy = twist[1] + (spin[2] * x - spin[0] * z)
         vz = twist[2] + (spin[0] * y - spin[1] * x)
-        fastest[link] = np.sqrt(vx * vx + vy * vy + vz * vz) + _size(spin) * radii[link]
+        fastest[link] = np.sqrt(vx * vx + vy * vy + vz * vz) + _norm(spin) * radii[link]
     speeds = np.empty(len(firsts))
     for pair in range(len(firsts)):
         changed = 0.0
@@ -138,9 +150,9 @@ def fastest_approach(
 
 
 @compiled
-def lower_bounds(motion: Array, reach: Array, bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
-    """Lowers the bounds by a motion of the controlled joints, (n,), after which nothing is fresh; the first pair to
-    measure, see :func:`next_pair`."""
+def decrease_bounds(motion: Array, reach: Array, bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
+    """Decreases the bounds by a motion of the controlled joints, (n,), and marks all pairs as not fresh; returns the
+    first pair to compute, see :func:`next_pair`."""
     for pair in range(len(bound)):
         moved = 0.0
         for joint in range(len(motion)):
@@ -152,16 +164,19 @@ def lower_bounds(motion: Array, reach: Array, bound: Array, fresh: Flags, within
 
 @compiled
 def next_pair(bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
-    """A pair that must be measured, nearer than ``within`` (pairs,) as far as is known, then, if the ``closest`` is
-    wanted, what still might be nearer than the nearest found so far. Where none is left: :data:`NONE_LEFT`, or
-    :data:`NONE_NEAR` if none that was measured is nearer than ``within``."""
-    left = NONE_NEAR
+    """Index of the next pair whose distance must be computed.
+
+    These are the pairs whose bound is below ``within`` (pairs,), m, and then, with ``closest``, the pairs that may be
+    nearer than the closest one found so far. When none is left, returns :data:`ALL_MEASURED`, or :data:`NO_PAIR_NEAR`
+    if no computed pair is nearer than ``within``.
+    """
+    left = NO_PAIR_NEAR
     for pair in range(len(bound)):
-        # A NaN counts as near.
+        # NaN counts as near.
         if not bound[pair] >= within[pair]:
             if not fresh[pair]:
                 return pair
-            left = NONE_LEFT
+            left = ALL_MEASURED
     if closest:
         nearest = int(np.argmin(bound))
         if not fresh[nearest]:
@@ -170,7 +185,7 @@ def next_pair(bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
 
 
 @compiled
-def take_measurement(
+def store_measurement(
     pair: int,
     distance: float,
     normal: Array,
@@ -186,25 +201,25 @@ def take_measurement(
     within: Array,
     closest: bool,
 ) -> int:
-    """Notes what was measured of a pair; the next pair to measure, see :func:`next_pair`.
+    """Stores the distance of a pair; returns the next pair to compute, see :func:`next_pair`.
 
-    ``normal``, ``first``, ``second`` (3,): direction and nearest points. ``origins`` (solids, 3): the solids' own.
+    ``normal``, ``first``, ``second`` (3,): direction and nearest points. ``origins`` (solids, 3), m: of the solids.
     """
     square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
-    if abs(distance) < FARTHEST and abs(square - 1.0) < UNIT:
+    if abs(distance) < MAX_DISTANCE_M and abs(square - 1.0) < UNIT_TOLERANCE:
         bound[pair], normals[pair], points[pair, 0], points[pair, 1] = distance, normal, first, second
     else:
-        # EPA can fail in deep penetration: in contact, direction by the centres.
+        # EPA can fail in deep penetration. Then the distance is 0 and the normal points from origin to origin.
         start, end = origins[firsts[pair]], origins[seconds[pair]]
         apart = end - start
-        bound[pair], normals[pair] = 0.0, apart / np.maximum(_size(apart), 1e-9)
+        bound[pair], normals[pair] = 0.0, apart / np.maximum(_norm(apart), 1e-9)
         points[pair, 0], points[pair, 1] = start, end
     fresh[pair] = True
     return next_pair(bound, fresh, within, closest)
 
 
 @compiled
-def list_near(
+def collect_near_pairs(
     within: Array,
     jacobian: Array,
     ratio: Array,
@@ -222,11 +237,11 @@ def list_near(
     drift: Array,
     own: Array,
 ) -> int:
-    """Writes the measured pairs nearer than ``within`` (pairs,) into the first rows of the arrays of a :class:`Near`,
-    ``pairs`` to ``own``, that has room for all; how many there are.
+    """Writes the pairs nearer than ``within`` (pairs,) into the first rows of the arrays of a :class:`NearPairs`
+    (``pairs`` to ``own``); returns their number.
 
-    ``jacobian`` (m, 6): twists that the moving joints give. ``ratio`` (m, n): their motion per controlled joint.
-    ``obstacle_motions`` (obstacles, 3, 3) as in :func:`note_motion`.
+    ``jacobian`` (m, 6): twists per joint velocity. ``ratio`` (m, n): motion of the moving joints per controlled joint.
+    ``obstacle_motions`` (obstacles, 3, 3): see :func:`store_obstacle_motion`.
     """
     m, n = ratio.shape
     links, row = len(moves) - len(obstacle_motions), 0
@@ -252,7 +267,7 @@ def list_near(
 
 @compiled
 def _speed_along(normal: Array, point: Array, twist: Array) -> float:
-    """How fast a twist (v, w) moves a point p along n: n.v + (p x n).w ."""
+    """Speed of a point p along n under a twist (v, w): n.v + (p x n).w ."""
     speed = normal[0] * twist[0] + normal[1] * twist[1] + normal[2] * twist[2]
     speed += (point[1] * normal[2] - point[2] * normal[1]) * twist[3]
     speed += (point[2] * normal[0] - point[0] * normal[2]) * twist[4]
@@ -261,7 +276,7 @@ def _speed_along(normal: Array, point: Array, twist: Array) -> float:
 
 @compiled
 def _drift(normal: Array, point: Array, motion: Array) -> float:
-    """How fast an obstacle's own motion, (3, 3) as in :func:`note_motion`, carries a point of it along the normal."""
+    """Speed of a point of an obstacle along the normal; ``motion`` (3, 3): see :func:`store_obstacle_motion`."""
     velocity, spin, lever = motion[0], motion[1], point - motion[2]
     drift = normal[0] * (velocity[0] + (spin[1] * lever[2] - spin[2] * lever[1]))
     drift += normal[1] * (velocity[1] + (spin[2] * lever[0] - spin[0] * lever[2]))
@@ -270,11 +285,11 @@ def _drift(normal: Array, point: Array, motion: Array) -> float:
 
 @compiled
 def closest_pair(bound: Array, points: Array, pose: Array) -> tuple[int, float, Array]:
-    """The closest pair, its distance, and its nearest points (2, 3), in a frame with the root at ``pose`` (4, 4)."""
+    """Closest pair, its distance, and its nearest points (2, 3) in the base frame; ``pose`` (4, 4): the root."""
     pair = int(np.argmin(bound))
-    seen = np.empty((2, 3))
+    nearest = np.empty((2, 3))
     for end in range(2):
         x, y, z = points[pair, end, 0], points[pair, end, 1], points[pair, end, 2]
         for axis in range(3):
-            seen[end, axis] = x * pose[axis, 0] + y * pose[axis, 1] + z * pose[axis, 2] + pose[axis, 3]
-    return pair, float(bound[pair]), seen
+            nearest[end, axis] = x * pose[axis, 0] + y * pose[axis, 1] + z * pose[axis, 2] + pose[axis, 3]
+    return pair, float(bound[pair]), nearest

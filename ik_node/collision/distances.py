@@ -1,15 +1,16 @@
-"""Distances between the links, and between links and obstacles: exact where they matter, skipped where they cannot.
+"""Distances between links, and between links and obstacles.
 
-Every pair keeps a lower bound of its distance. A motion by dq lowers it by ``reach`` |dq| (and an obstacle's own motion
-by that); only pairs whose bound falls below what is asked for are measured again. What is handed out is therefore exact
-and does not depend on what was asked before: pairs within their range, and the closest of all.
+Each pair keeps a lower bound of its distance. A joint motion dq decreases the bound by ``reach`` |dq|, and the motion
+of an obstacle decreases it by the distance travelled. Only pairs whose bound is below the requested range are computed
+again. The results (all pairs within their range, and the closest pair) are exact and do not depend on earlier queries.
 
-The distance d of a pair grows along n, the unit vector from its first to its second solid, in penetration too (d < 0)::
+The distance d of a pair increases along n, the unit vector from its first to its second solid, also in penetration
+(d < 0)::
 
-    d(distance)/dq = n' (J_second - J_first)      J: of the nearest points, as if fixed to their links
+    d(distance)/dq = n' (J_second - J_first)      J: point Jacobians of the nearest points, fixed to their links
 
-Nearest points are unique for one strictly convex solid against a convex one. Between parallel faces they are not: the
-gradient then belongs to one of the possible pairs of points, and n is right whichever it is.
+The nearest points are unique when one of two convex solids is strictly convex. Between parallel faces they are not
+unique; the gradient then belongs to one of the possible pairs of points, and n is the same for all of them.
 """
 
 from __future__ import annotations
@@ -21,44 +22,44 @@ import numpy as np
 import pinocchio as pin
 
 from ik_node.collision.distance_kernels import (
-    NONE_NEAR,
+    NO_PAIR_NEAR,
     Indices,
-    Near,
+    NearPairs,
     closest_pair,
-    fastest_approach,
-    list_near,
-    lower_bounds,
-    lower_bounds_of,
-    note_motion,
-    take_measurement,
+    collect_near_pairs,
+    decrease_bounds,
+    decrease_bounds_of_solid,
+    store_measurement,
+    store_obstacle_motion,
 )
-from ik_node.collision.geometry import Geometry, Link, add
+from ik_node.collision.geometry import CollisionGeometry
+from ik_node.collision.pair_selection import Link, add
 from ik_node.collision.scene import Obstacle, Scene, Shape
 from ik_node.math.types import Array
 
 Motions = tuple[Array, Array, Array, Array, Array, Array, Array, Indices, Indices, Array]
 
 TOLERANCE = 1e-9
-"""GJK's, m2: curved solids (cylinders) come out to about 1e-9 m, flat and spherical ones to rounding. EPA's stays at
-its 1e-6: tighter it fails in deep penetration."""
+"""Tolerance of GJK, m2. Distances of cylinders are then accurate to about 1e-9 m, those of flat solids and spheres to
+rounding. The tolerance of EPA stays at its default of 1e-6: EPA fails in deep penetration with a smaller one."""
 
 
-class Closest(NamedTuple):
-    """The smallest distance of all."""
+class ClosestPair(NamedTuple):
+    """The pair with the smallest distance."""
 
     distance: float
-    """m; inf where there is nothing to be near to."""
+    """m; inf when there are no pairs."""
     names: tuple[str, ...]
-    """Link, and link or obstacle; none where there is nothing to be near to."""
+    """Names of the link and of the other link or obstacle; empty when there are no pairs."""
     points_s: Array
-    """Nearest points on the first and on the second, in the base frame, (2, 3)."""
+    """Nearest points on the first and on the second solid, in the base frame, (2, 3), m."""
 
 
-class Clearance:
-    """Measures distances for one arm; keeps the lower bounds. Belongs to one thread."""
+class DistanceQuery:
+    """Computes the distances of one arm and keeps their lower bounds. Not thread-safe."""
 
-    def __init__(self, geometry: Geometry) -> None:
-        """Without obstacles until :meth:`see` is called."""
+    def __init__(self, geometry: CollisionGeometry) -> None:
+        """Starts without obstacles; see :meth:`set_scene`."""
         self.geometry = geometry
         robot = geometry.robot
         self._base_root = np.ascontiguousarray(robot.pose_base_root)
@@ -66,12 +67,12 @@ class Clearance:
         self._names = geometry.names()
         self._link_moves = geometry.moves.astype(float)
         self._ratio = np.ascontiguousarray(np.column_stack([robot.motion(alone) for alone in np.eye(robot.n)]))
-        # Every link inside a ball about a point of its joint's frame.
+        # Bounding sphere of each link, centred at a point fixed in the frame of its joint.
         self._centres = [0.5 * (link.points.min(axis=0) + link.points.max(axis=0)) for link in geometry.links]
         self._radii = np.array(
             [_radius(link, centre) for link, centre in zip(geometry.links, self._centres, strict=True)]
         )
-        self._ahead: Clearance | None = None
+        self._predicted: DistanceQuery | None = None
         self._q = np.zeros(robot.n)
         self._turns = bool(robot.continuous.any())
         self._scene = Scene()
@@ -80,11 +81,16 @@ class Clearance:
         self._build([])
 
     def names(self, pair: int) -> tuple[str, str]:
-        """Link, and link or obstacle, of a pair."""
+        """Names of the link and of the other link or obstacle of a pair."""
         return self._pair_names[pair]
 
-    def see(self, scene: Scene, time_ns: int) -> None:
-        """Takes the obstacles as they are at a monotonic time; moving ones are carried on."""
+    def set_scene(self, scene: Scene, time_ns: int) -> None:
+        """Sets the obstacles, and extrapolates moving ones to a monotonic time.
+
+        Args:
+            scene: The obstacles.
+            time_ns: Monotonic time at which the distances are queried, ns.
+        """
         entries = self._entries
         if scene is self._scene:
             for index in self._moving:
@@ -92,14 +98,14 @@ class Clearance:
             return
         self._scene, self._entries = scene, tuple(scene.obstacles.values())
         self._moving = [index for index, entry in enumerate(self._entries) if entry.moves]
-        seen = [entry.at(time_ns) for entry in self._entries]
-        same = len(seen) == len(self._obstacles) and all(
-            new.name == old.name and new.shape == old.shape for new, old in zip(seen, self._obstacles, strict=True)
+        current = [entry.at(time_ns) for entry in self._entries]
+        same = len(current) == len(self._obstacles) and all(
+            new.name == old.name and new.shape == old.shape for new, old in zip(current, self._obstacles, strict=True)
         )
         if not same:
-            self._build(seen)
+            self._build(current)
             return
-        for index, new in enumerate(seen):
+        for index, new in enumerate(current):
             self._move(index, new)
 
     def _build(self, obstacles: list[Obstacle]) -> None:
@@ -116,17 +122,17 @@ class Clearance:
         self._self = (np.arange(k) < len(own)).astype(float)
         self._bound, self._fresh = np.full(k, -np.inf), np.zeros(k, dtype=np.bool_)
         self._normals, self._points = np.zeros((k, 3)), np.zeros((k, 2, 3))
-        self.rows = Near(np.zeros(k, dtype=np.int64), np.zeros(k), np.zeros((k, n)), np.zeros(k), np.zeros(k))
-        """Room for all pairs; what the last :meth:`survey` found stands in the first rows."""
+        self.rows = NearPairs(np.zeros(k, dtype=np.int64), np.zeros(k), np.zeros((k, n)), np.zeros(k), np.zeros(k))
+        """Buffer for all pairs; its first rows hold the result of the last :meth:`query`."""
         names = (*self._names, *(entry.name for entry in obstacles))
         self._pair_names = [(names[first], names[second]) for first, second in pairs]
         self._obstacles = obstacles
         self._speeds, self._motions = np.zeros(len(obstacles)), np.zeros((len(obstacles), 3, 3))
         for index, entry in enumerate(obstacles):
-            self._note_motion(index, entry, entry)
+            self._store_motion(index, entry, entry)
 
     def _build_model(self, obstacles: list[Obstacle], pairs: list[tuple[int, int]]) -> None:
-        """Links, obstacles and the balls around the links for Pinocchio to place."""
+        """Builds Pinocchio's model of the links, the obstacles and the links' bounding spheres."""
         links = self.geometry.links
         self._model = pin.GeometryModel()
         for link in links:
@@ -134,7 +140,7 @@ class Clearance:
         for entry in obstacles:
             add(self._model, entry.name, 0, solid(entry.shape), self._root_placement(entry))
         for link, centre, radius in zip(links, self._centres, self._radii.tolist(), strict=True):
-            add(self._model, f"ball {link.name}", link.parent, coal.Sphere(radius), pin.SE3(np.eye(3), centre))
+            add(self._model, f"sphere {link.name}", link.parent, coal.Sphere(radius), pin.SE3(np.eye(3), centre))
         for first, second in pairs:
             self._model.addCollisionPair(pin.CollisionPair(first, second))
         self._data = pin.GeometryData(self._model)
@@ -142,7 +148,7 @@ class Clearance:
         for request in self._requests:
             request.gjk_tolerance = TOLERANCE
         self._origins = _origins(self._data)
-        self._ball_centres = self._origins[len(links) + len(obstacles) :]
+        self._sphere_centres = self._origins[len(links) + len(obstacles) :]
         self._placed_at = b""
 
     def _root_placement(self, entry: Obstacle) -> Any:
@@ -152,17 +158,17 @@ class Clearance:
         old = self._obstacles[index]
         if new is old:
             return
-        moved = self._note_motion(index, new, old)
+        moved = self._store_motion(index, new, old)
         self._obstacles[index] = new
         if moved != 0.0:
             number = len(self._radii) + index
             self._model.geometryObjects[number].placement = self._root_placement(new)
-            lower_bounds_of(number, moved, self._seconds, self._bound)
+            decrease_bounds_of_solid(number, moved, self._seconds, self._bound)
             self._placed_at = b""
 
-    def _note_motion(self, index: int, new: Obstacle, old: Obstacle) -> float:
-        """Notes velocities and place of an obstacle; by how much it has moved since ``old``, m."""
-        return note_motion(
+    def _store_motion(self, index: int, new: Obstacle, old: Obstacle) -> float:
+        """Stores velocity and position of an obstacle; returns the distance it has moved since ``old``, m."""
+        return store_obstacle_motion(
             new.pose_s,
             old.pose_s,
             new.velocity_s,
@@ -176,24 +182,23 @@ class Clearance:
 
     @property
     def pairs(self) -> int:
-        """How many pairs are watched."""
+        """Number of pairs."""
         return len(self._bound)
 
-    def speeds(self, q: Array, qd: Array, change: Array) -> Array:
-        """(pairs,): how fast a distance can shrink at most at q (n,), at velocities within ``change`` of ``qd``, m/s.
-
-        The links' speeds at ``qd``, each a ball that moves and turns, plus ``reach`` times the change.
-        """
-        return fastest_approach(*self.motions(q, qd, change))
-
     def motions(self, q: Array, qd: Array, change: Array) -> Motions:
-        """What :func:`ik_node.collision.distance_kernels.fastest_approach` takes, for other compiled functions to hand on."""
+        """Arguments of :func:`ik_node.collision.distance_kernels.approach_speed_bounds`.
+
+        Args:
+            q: Joint positions, (n,), rad (m).
+            qd: Joint velocities, (n,), rad/s (m/s).
+            change: Largest difference of the velocities from ``qd``, (n,), rad/s (m/s).
+        """
         return (
             self.geometry.robot.motion(qd),
             change,
             self._place(q),
             self._link_moves,
-            self._ball_centres,
+            self._sphere_centres,
             self._radii,
             self._speeds,
             self._firsts,
@@ -202,37 +207,51 @@ class Clearance:
         )
 
     def self_pairs(self) -> Array:
-        """(pairs,): 1 for pairs of links, 0 for obstacles."""
+        """(pairs,): 1 for pairs of links, 0 for pairs of link and obstacle."""
         return self._self
 
     @property
-    def ahead(self) -> Clearance:
-        """Another measurer of the same arm, for places where it is going to be."""
-        if self._ahead is None:
-            self._ahead = Clearance(self.geometry)
-        return self._ahead
+    def predicted(self) -> DistanceQuery:
+        """A second query for the same arm, for distances at a predicted position."""
+        if self._predicted is None:
+            self._predicted = DistanceQuery(self.geometry)
+        return self._predicted
 
-    def measure(self, q: Array, within: Array) -> tuple[Near, Closest]:
-        """Pairs nearer than ``within`` (pairs,), m, and the closest of all, at q (n,)."""
-        count = self.survey(q, within)
-        return Near(*(part[:count].copy() for part in self.rows)), self.closest()
+    def measure(self, q: Array, within: Array) -> tuple[NearPairs, ClosestPair]:
+        """Computes the pairs within a range, and the closest pair.
 
-    def survey(self, q: Array, within: Array, closest: bool = True) -> int:
-        """How many pairs are nearer than ``within`` (pairs,), m, at q (n,); they stand in the first :attr:`rows`.
+        Args:
+            q: Joint positions, (n,), rad (m).
+            within: Range of each pair, (pairs,), m.
 
-        ``closest``: False where :meth:`closest` is not going to be asked for.
+        Returns:
+            The pairs nearer than their range, and the closest of all pairs.
+        """
+        count = self.query(q, within)
+        return NearPairs(*(column[:count].copy() for column in self.rows)), self.closest()
+
+    def query(self, q: Array, within: Array, closest: bool = True) -> int:
+        """Computes the pairs within a range and writes them into the first rows of :attr:`rows`.
+
+        Args:
+            q: Joint positions, (n,), rad (m).
+            within: Range of each pair, (pairs,), m.
+            closest: False when :meth:`closest` is not called for this position.
+
+        Returns:
+            The number of pairs nearer than their range.
         """
         if not self.pairs:
             return 0
         motion = self.geometry.robot.difference(self._q, q) if self._turns else q - self._q
         self._q = q.copy()
         jacobian = self._place(q)
-        pair = lower_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
+        pair = decrease_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
         while pair >= 0:
             pair = self._measure(pair, within, closest)
-        if pair == NONE_NEAR:
+        if pair == NO_PAIR_NEAR:
             return 0
-        return list_near(
+        return collect_near_pairs(
             within,
             jacobian,
             self._ratio,
@@ -247,15 +266,15 @@ class Clearance:
             *self.rows,
         )
 
-    def closest(self) -> Closest:
-        """The closest pair of the last :meth:`survey`."""
+    def closest(self) -> ClosestPair:
+        """The closest pair of the last :meth:`query`."""
         if not self.pairs:
-            return _NOWHERE
+            return _NO_PAIR
         pair, distance, points_s = closest_pair(self._bound, self._points, self._base_root)
-        return Closest(distance, self._pair_names[pair], points_s)
+        return ClosestPair(distance, self._pair_names[pair], points_s)
 
     def _place(self, q: Array) -> Array:
-        """Puts the solids where they are at q (n,); (m, 6): the twists that the moving joints give, from the root."""
+        """Updates the placements of the solids at q (n,); returns the joint twists in the root frame, (m, 6)."""
         if (at := q.tobytes()) != self._placed_at:
             robot = self.geometry.robot
             jacobian = robot.root_jacobian(q)
@@ -264,17 +283,17 @@ class Clearance:
         return self._jacobian
 
     def _measure(self, pair: int, within: Array, closest: bool) -> int:
-        """Measures a pair; the next one to measure, see :func:`ik_node.collision.distance_kernels.next_pair`."""
-        # Pinocchio starts from the last answer, which shows in the last digits (1e-6 m was seen): forget it.
+        """Computes the distance of a pair; returns the next one, see :func:`.distance_kernels.next_pair`."""
+        # Pinocchio warm-starts from the last result, which changes the last digits (up to 1e-6 m): reset the guesses.
         request = self._requests[pair]
         request.cached_gjk_guess, request.cached_support_func_guess = _FIRST_GUESS, _FIRST_CORNERS
-        found = pin.computeDistance(self._model, self._data, pair)
-        return take_measurement(
+        result = pin.computeDistance(self._model, self._data, pair)
+        return store_measurement(
             pair,
-            found.min_distance,
-            found.normal,
-            found.getNearestPoint1(),
-            found.getNearestPoint2(),
+            result.min_distance,
+            result.normal,
+            result.getNearestPoint1(),
+            result.getNearestPoint2(),
             self._origins,
             self._firsts,
             self._seconds,
@@ -288,22 +307,22 @@ class Clearance:
 
 
 def _origins(data: Any) -> Array:
-    """(solids, 3): where the solids' own frames are, seen from the root, m; follows every update of the placements.
+    """(solids, 3): origins of the solids in the root frame, m; updated in place with the placements.
 
-    A view of Pinocchio's memory, where they lie at even steps: to take them out one by one is slower than all else that
-    is done with distances in a tick. RuntimeError where they do not lie like that.
+    The result is a strided view of Pinocchio's memory, because copying the origins one by one takes longer than the
+    other distance computations of a control step. Raises RuntimeError when the memory layout is not strided.
     """
     views = [placement.translation for placement in data.oMg]
     places = [view.__array_interface__["data"][0] for view in views]
     step = places[1] - places[0]
     even = places == [places[0] + step * index for index in range(len(places))]
     if not even or any(view.flags.owndata for view in views):
-        raise RuntimeError("Pinocchio keeps placements in another way than this was written for")
+        raise RuntimeError("unsupported memory layout of pinocchio.GeometryData.oMg")
     return np.lib.stride_tricks.as_strided(views[0], (len(views), 3), (step, views[0].strides[0]), writeable=False)
 
 
 def _radius(link: Link, centre: Array) -> float:
-    """Of the ball about ``centre`` that holds the link; all points of a capsule lie within its radius of its axis."""
+    """Radius of a sphere about ``centre`` that contains the link, m."""
     farthest = float(np.sqrt(((link.points - centre) ** 2).sum(axis=1)).max())
     if isinstance(link.solid, coal.Capsule):
         middle = float(np.linalg.norm(link.placement.translation - centre))
@@ -312,16 +331,13 @@ def _radius(link: Link, centre: Array) -> float:
 
 
 _FIRST_GUESS, _FIRST_CORNERS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
-_NOWHERE = Closest(float("inf"), (), np.full((2, 3), np.nan))
+_NO_PAIR = ClosestPair(float("inf"), (), np.full((2, 3), np.nan))
 
 
-def solid(wanted: Shape) -> Any:
+def solid(shape: Shape) -> Any:
     """The coal solid of a shape."""
-    if wanted.kind == "sphere":
-        return coal.Sphere(*wanted.size)
-    if wanted.kind == "box":
-        return coal.Box(*wanted.size)
-    return (coal.Cylinder if wanted.kind == "cylinder" else coal.Capsule)(*wanted.size)
-
-
-__all__ = ["Clearance", "Closest", "Near", "solid"]
+    if shape.kind == "sphere":
+        return coal.Sphere(*shape.size)
+    if shape.kind == "box":
+        return coal.Box(*shape.size)
+    return (coal.Cylinder if shape.kind == "cylinder" else coal.Capsule)(*shape.size)

@@ -1,9 +1,9 @@
-"""The robot's collision geometry, simplified once: one convex solid per link, and the pairs of links to watch.
+"""Collision geometry of the robot: one convex solid per link, and the pairs of links whose distances are computed.
 
-The solids are those of the URDF's ``collision`` elements. A link with a single sphere, box, cylinder or capsule keeps
-it. Everything else becomes one convex hull per link (``hull``), or the smallest capsule found around that hull
-(``capsule``). Both contain the link: distances are never overstated. A hull is conservative where the link is concave,
-by as much as :meth:`Geometry.conservatism` says; a capsule by centimetres.
+The solids come from the ``collision`` elements of the URDF. A link with a single sphere, box, cylinder or capsule keeps
+it. All other links are replaced by one convex hull per link (``hull``), or by the smallest capsule found around that
+hull (``capsule``). Both contain the link, so distances are never overestimated. A hull underestimates distances where
+the link is concave, by up to :meth:`CollisionGeometry.conservatism`; a capsule underestimates them by centimetres.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import contextlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -22,98 +21,61 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ik_node.collision import bounding_capsule
+from ik_node.collision.pair_selection import Link, LinkPair, select_pairs
 from ik_node.errors import CollisionUnavailableError, RobotError, UnknownNameError
 from ik_node.math.types import Array
 from ik_node.robot.catalogue import robots_folder
 from ik_node.robot.robot import Robot
-from ik_node.robot.srdf import disabled_pairs
 
 Flags = NDArray[np.bool_]
 
 SIMPLIFICATIONS = ("hull", "capsule")
-"""What a link becomes."""
+"""Valid replacements of meshes and compound solids."""
 
-CORNERS = 32
-"""Corners of the prism that stands for a cylinder inside a hull, drawn around it: 0.5 % wider."""
+CYLINDER_CORNERS = 32
+"""Corners of the prism circumscribed about a cylinder that becomes part of a hull; the prism is 0.5 % wider."""
 
-SAMPLES = 1000
-"""Positions at which pairs of links are looked at."""
-
-ALWAYS = 0.95
-"""Pairs that touch in this part of the samples always touch."""
-
-CLOSE_M = 0.03
-"""Pairs that never get further apart than this are neighbours whose solids cannot tell contact from closeness."""
-
-
-LONGEST_STROKE_M = 100.0
-"""A prismatic joint without limits goes no further than this."""
-
-
-class Link(NamedTuple):
-    """One convex solid."""
-
-    name: str
-    """Of the link."""
-    parent: int
-    """Joint of the model that it hangs on."""
-    solid: Any
-    """The coal shape."""
-    placement: Any
-    """SE3, seen from the joint."""
-    points: Array
-    """Its corners seen from the joint, (p, 3); of a primitive: corners of a solid around it."""
-    mesh: Any
-    """The coal mesh it was made of, or None."""
-
-
-class PairOfLinks(NamedTuple):
-    """Two links, and what became of them."""
-
-    first: str
-    second: str
-    watched: bool
-    reason: str
-    """Why it is watched or not, for a person."""
+MAX_STROKE_M = 100.0
+"""Stroke that is assumed for a prismatic joint without limits."""
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """Everything about the robot that distances need; made once."""
+class CollisionGeometry:
+    """The links and link pairs of a robot for distance computation; immutable."""
 
     robot: Robot
     links: tuple[Link, ...]
-    pairs: tuple[PairOfLinks, ...]
-    """All pairs on different joints, watched or not."""
+    pairs: tuple[LinkPair, ...]
+    """All pairs of links on different joints, watched or not."""
     moves: Flags
-    """(links, m), bool: which moving joints, mimic ones among them, move which link."""
+    """(links, m), bool: True where a moving joint (including mimic joints) moves the link."""
     reach: Array
-    """(links, n): no point of the link moves by more than this times the motion of the joint, m per rad (1 for m)."""
+    """(links, n): upper bound of the motion of any point of the link per motion of the joint, m per rad (1 for m)."""
 
     def names(self) -> tuple[str, ...]:
-        """Of the links, in order."""
+        """Names of the links, in order."""
         return tuple(link.name for link in self.links)
 
     def watched(self) -> list[tuple[int, int]]:
-        """Pairs of link numbers whose distances count."""
+        """Pairs of link indices whose distances are computed."""
         number = {link.name: index for index, link in enumerate(self.links)}
         return [(number[pair.first], number[pair.second]) for pair in self.pairs if pair.watched]
 
     def conservatism(self) -> dict[str, float]:
-        """Per link made of a mesh: the largest distance found from the middles of the hull's faces to the mesh, m.
+        """Largest distance from the centres of the hull's faces to the mesh, m, for each link made of a mesh.
 
-        It takes some seconds and belongs in reports, not in a controller.
+        The computation takes some seconds; it is meant for reports.
         """
         return {link.name: _excess(link) for link in self.links if link.mesh is not None}
 
 
 def package_folders(extra: Iterable[str] = ()) -> list[str]:
-    """Where ``package://`` names are looked up: ``extra``, the ROS installation, and that of example-robot-data."""
+    """Folders in which ``package://`` names are looked up: ``extra``, the ROS installation, example-robot-data."""
     folders = [str(Path(place)) for place in extra if place]
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         if prefix:
             folders.append(str(Path(prefix, "share")))
-    # Where it is not installed, what needs it is named by the loader.
+    # Without example-robot-data, the loader reports the missing mesh.
     with contextlib.suppress(RobotError):
         folders.append(str(robots_folder().parent.parent))
     return folders
@@ -125,18 +87,28 @@ def load(
     folders: Iterable[str] = (),
     srdf: str = "",
     ignored: Iterable[str] = (),
-    checked: Iterable[str] = (),
+    watched: Iterable[str] = (),
     self_collision: bool = True,
-) -> Geometry:
-    """The geometry of ``robot``.
+) -> CollisionGeometry:
+    """Builds the collision geometry of a robot.
 
-    ``folders``: further places of ``package://`` meshes. ``srdf``: text of an SRDF; the pairs it disables are not
-    watched, all others are but for those that always touch. One that disables none of the arm's says nothing:
-    pairs are then chosen by sampling, as without. ``ignored``, ``checked``: pairs ``link_a:link_b`` to leave out or to
-    watch whatever sampling or the SRDF say.
+    Args:
+        robot: The robot.
+        simplification: One of :data:`SIMPLIFICATIONS`.
+        folders: Additional folders in which ``package://`` meshes are looked up.
+        srdf: Text of an SRDF. Its disabled pairs are not watched; all other pairs are, except those in permanent
+            contact. When it disables no pair of this robot, pairs are selected by sampling, as without an SRDF.
+        ignored: Pairs ``link_a:link_b`` that are not watched, whatever sampling or the SRDF give.
+        watched: Pairs ``link_a:link_b`` that are watched, whatever sampling or the SRDF give.
+        self_collision: False for no pairs of links at all.
 
-    Raises CollisionUnavailableError with the reason where there are no solids or their meshes are missing, and
-    UnknownNameError for a link that does not exist. SettingsError for an SRDF that is not XML.
+    Returns:
+        The geometry.
+
+    Raises:
+        CollisionUnavailableError: The URDF has no collision elements, or a mesh is missing.
+        UnknownNameError: A link or the simplification does not exist.
+        SettingsError: The SRDF is not XML.
     """
     if simplification not in SIMPLIFICATIONS:
         raise UnknownNameError("simplification", simplification, SIMPLIFICATIONS)
@@ -154,8 +126,8 @@ def load(
     links = tuple(_link(robot.model.frames[frame].name, group, simplification) for frame, group in groups.items())
     moves = np.array([robot.joint_moves(link.parent) for link in links])
     reach = robot.most_per_joint(np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0))
-    pairs = _pairs(robot, links, srdf, set(ignored), set(checked)) if self_collision else ()
-    return Geometry(robot, links, pairs, moves, reach)
+    pairs = select_pairs(robot, links, srdf, set(ignored), set(watched)) if self_collision else ()
+    return CollisionGeometry(robot, links, pairs, moves, reach)
 
 
 def _link(name: str, group: list[Any], simplification: str) -> Link:
@@ -177,7 +149,7 @@ def _link(name: str, group: list[Any], simplification: str) -> Link:
 
 
 def convex_hull(points: Array) -> Any:
-    """The coal solid around ``points`` (p, 3)."""
+    """The coal convex hull of ``points`` (p, 3)."""
     listed = coal.StdVec_Vec3s()
     for point in points:
         listed.append(point)
@@ -189,7 +161,7 @@ def _placed(points: Array, placement: Any) -> Array:
 
 
 def _corners(solid: Any, name: str) -> Array:
-    """Points whose hull contains the solid."""
+    """Points whose convex hull contains the solid, (p, 3)."""
     if isinstance(solid, coal.BVHModelBase):
         return np.array(solid.vertices())
     if isinstance(solid, coal.Convex):
@@ -200,18 +172,18 @@ def _corners(solid: Any, name: str) -> Array:
     if isinstance(solid, coal.Sphere):
         return np.asarray(signs * solid.radius)
     if isinstance(solid, (coal.Cylinder, coal.Capsule)):
-        angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-        radius = solid.radius / np.cos(np.pi / CORNERS)
+        angle = 2.0 * np.pi * np.arange(CYLINDER_CORNERS) / CYLINDER_CORNERS
+        radius = solid.radius / np.cos(np.pi / CYLINDER_CORNERS)
         half = solid.halfLength + (solid.radius if isinstance(solid, coal.Capsule) else 0.0)
-        ring = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.full(CORNERS, half)))
+        ring = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.full(CYLINDER_CORNERS, half)))
         return np.concatenate((ring, ring * (1.0, 1.0, -1.0)))
     raise CollisionUnavailableError(
-        f"link '{name}' has a solid of a kind that is not supported: {type(solid).__name__}"
+        f"link '{name}' has a collision solid of an unsupported type: {type(solid).__name__}"
     )
 
 
 def _reach(robot: Robot, link: Link) -> Array:
-    """(m,): how far from moving joint j a point of the link can ever be: the links in between, stretched out."""
+    """(m,): largest possible distance of a point of the link from moving joint j, with the chain between stretched."""
     model = robot.model
     reach = np.zeros(len(robot.moving_revolute))
     farthest = float(np.sqrt((link.points**2).sum(axis=1)).max())
@@ -225,113 +197,13 @@ def _reach(robot: Robot, link: Link) -> Array:
         reach[column] = distance if turning else 1.0
         distance += float(np.linalg.norm(model.jointPlacements[joint].translation))
         if not turning:
-            distance += min(float(robot.strokes[column].max()), LONGEST_STROKE_M)
+            distance += min(float(robot.strokes[column].max()), MAX_STROKE_M)
         joint = model.parents[joint]
     return reach
 
 
-def _pairs(
-    robot: Robot, links: tuple[Link, ...], srdf: str, ignored: set[str], checked: set[str]
-) -> tuple[PairOfLinks, ...]:
-    """Every pair on different joints, and whether it is watched."""
-    names = {link.name for link in links}
-    for text in sorted(ignored | checked):
-        for name in text.split(":"):
-            if name not in names:
-                raise UnknownNameError("link with collision geometry", name, names)
-    possible = [(a, b) for a, b in combinations(range(len(links)), 2) if links[a].parent != links[b].parent]
-    disabled = {pair for pair in disabled_pairs(srdf, names) if pair <= names} if srdf else set()
-    open_pairs = [(a, b) for a, b in possible if frozenset((links[a].name, links[b].name)) not in disabled]
-    distances = dict(zip(open_pairs, sampled_distances(robot, links, open_pairs).T, strict=True))
-    result = []
-    for a, b in possible:
-        first, second = links[a].name, links[b].name
-        wanted = {f"{first}:{second}", f"{second}:{first}"}
-        if wanted & checked:
-            watched, reason = True, "asked for"
-        elif wanted & ignored:
-            watched, reason = False, "to be ignored"
-        elif (a, b) not in distances:
-            watched, reason = False, "disabled by the SRDF"
-        elif disabled:
-            watched, reason = _left_open(distances[a, b])
-        elif links[a].parent in (robot.model.parents[links[b].parent], links[b].parent) or (
-            robot.model.parents[links[a].parent] == links[b].parent
-        ):
-            watched, reason = False, "joined by one joint"
-        else:
-            watched, reason = _judge(distances[a, b])
-        result.append(PairOfLinks(first, second, watched, reason))
-    return tuple(result)
-
-
-def summary(pairs: Iterable[PairOfLinks]) -> str:
-    """How many pairs are watched, and which are not for what reason."""
-    pairs = list(pairs)
-    reasons: dict[str, list[str]] = {}
-    for pair in pairs:
-        if not pair.watched:
-            reasons.setdefault(pair.reason, []).append(f"{pair.first}:{pair.second}")
-    left_out = [f"{reason}: {', '.join(reasons[reason])}" for reason in sorted(reasons)]
-    count = sum(pair.watched for pair in pairs)
-    return "; ".join([f"{count} of {len(pairs)} pairs of links are watched", *left_out])
-
-
-def _left_open(distances: Array) -> tuple[bool, str]:
-    """An SRDF that forgets a pair in lasting contact would hold the arm for ever."""
-    touching = float(np.mean(distances <= 0.0))
-    if touching >= ALWAYS:
-        return False, f"not disabled by the SRDF, but touches in {touching:.0%} of the samples"
-    return True, "the SRDF does not disable it"
-
-
-def _judge(distances: Array) -> tuple[bool, str]:
-    touching = float(np.mean(distances <= 0.0))
-    if touching >= ALWAYS:
-        return False, f"touches in {touching:.0%} of the samples"
-    farthest = float(distances.max())
-    if farthest <= CLOSE_M:
-        return False, f"never further apart than {farthest * 1e3:.0f} mm"
-    return True, f"touches in {touching:.1%} of the samples"
-
-
-def sampled_distances(robot: Robot, links: tuple[Link, ...], pairs: list[tuple[int, int]]) -> Array:
-    """(SAMPLES, pairs): distances at positions spread evenly over the joint limits, m; the same every time."""
-    model = pin.GeometryModel()
-    for link in links:
-        add(model, link.name, link.parent, link.solid, link.placement)
-    for a, b in pairs:
-        model.addCollisionPair(pin.CollisionPair(a, b))
-    data = pin.GeometryData(model)
-    lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
-    upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
-    found = list(data.distanceResults)  # they stay where they are, and change with every measurement
-    result = np.empty((SAMPLES, len(pairs)))
-    for row, part in enumerate(_even(SAMPLES, robot.n)):
-        robot.root_jacobian(lower + part * (upper - lower))
-        pin.updateGeometryPlacements(robot.model, robot.data, model, data)
-        pin.computeDistances(model, data)
-        result[row] = [pair.min_distance for pair in found]
-    return result
-
-
-def _even(count: int, size: int) -> Array:
-    """(count, size) points in the unit cube, evenly spread: the additive recurrence of the generalised golden ratio
-    (Roberts 2018)."""
-    ratio = 2.0
-    for _ in range(64):
-        ratio = (1.0 + ratio) ** (1.0 / (size + 1.0))
-    steps = ratio ** -np.arange(1.0, size + 1.0)
-    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
-
-
-def add(model: Any, name: str, parent: int, solid: Any, placement: Any) -> int:
-    """Adds a solid to a geometry model; its number."""
-    return int(model.addGeometryObject(pin.GeometryObject(name, parent, 0, placement, solid)))
-
-
 def _excess(link: Link) -> float:
-    """How far the hull's faces stand off the mesh: the largest distance from their middles, m."""
+    """Largest distance from the centres of the hull's faces to the mesh, m."""
     hull = link.solid
     corners = np.array(hull.points())
     point, worst = coal.Sphere(1e-9), 0.0

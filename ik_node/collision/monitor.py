@@ -1,4 +1,4 @@
-"""What is around the arm: its own links and the obstacles, as one thing that the tick asks at every q."""
+"""Collision monitor: the collision geometry of one arm and the obstacles around it, queried at each control step."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import hashlib
 import numpy as np
 
 from ik_node.collision import geometry as collision_geometry
-from ik_node.collision.avoidance import Surroundings, look_around
-from ik_node.collision.distances import Clearance, Closest
+from ik_node.collision import pair_selection
+from ik_node.collision.avoidance import AvoidanceTerms, avoidance_terms
+from ik_node.collision.distances import DistanceQuery
 from ik_node.collision.scene import Scene, obstacle, read_scene, shape
 from ik_node.errors import CollisionUnavailableError, InputError
 from ik_node.interfaces.clock import Instant, place
@@ -19,20 +20,26 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ObstacleSettings
 
 
-class Lookout:
-    """Distances, dampers and the potential of one arm in a scene that may change."""
+class CollisionMonitor:
+    """Distances, velocity dampers and repulsive potential of one arm in a scene that may change."""
 
     def __init__(self, robot: Robot, settings: ObstacleSettings) -> None:
-        """Builds the collision geometry; where that cannot be had, :attr:`unavailable` says why and the rest works.
+        """Builds the collision geometry. When that fails, :attr:`unavailable` holds the reason.
 
-        Raises SceneError when the scene's file cannot be used, and UnknownNameError for links that do not exist.
+        Args:
+            robot: The robot.
+            settings: Geometry, link pairs, ranges, and the path of an initial scene.
+
+        Raises:
+            SceneError: The scene file cannot be used.
+            UnknownNameError: A pair in the settings names a link that does not exist.
         """
-        self._robot = robot
         self._settings = settings
-        self._clearance: Clearance | None = None
+        self._distances: DistanceQuery | None = None
         self.unavailable = ""
-        """Why nothing is seen; empty when it is."""
+        """Why no distances are computed; empty when they are."""
         self.scene = Scene()
+        """The obstacles."""
         if settings.geometry == "none":
             self.unavailable = "obstacles.geometry is none"
         else:
@@ -46,7 +53,7 @@ class Lookout:
                     settings.watched_pairs,
                     settings.self_collision,
                 )
-                self._clearance = Clearance(geometry)
+                self._distances = DistanceQuery(geometry)
             except CollisionUnavailableError as error:
                 self.unavailable = str(error)
         if settings.scene:
@@ -55,10 +62,10 @@ class Lookout:
 
     @property
     def digest(self) -> str:
-        """Tells the solids and the watched pairs from others; why nothing is seen, where that is so."""
-        if self._clearance is None:
+        """Hash of the collision solids and watched pairs; :attr:`unavailable` when there are none."""
+        if self._distances is None:
             return self.unavailable
-        geometry = self._clearance.geometry
+        geometry = self._distances.geometry
         digest = hashlib.sha256(repr(geometry.watched()).encode())
         for link in geometry.links:
             digest.update(f"{link.name} {type(link.solid).__name__}".encode())
@@ -67,29 +74,38 @@ class Lookout:
 
     @property
     def pairs(self) -> str:
-        """Which pairs of links are watched, and why others are not, for a person; why none are, where that is so."""
-        if self._clearance is None:
-            return f"distances are not watched: {self.unavailable}"
-        return collision_geometry.summary(self._clearance.geometry.pairs)
+        """Text: number of watched link pairs, and the reasons for which others are not watched."""
+        if self._distances is None:
+            return f"no distances are computed: {self.unavailable}"
+        return pair_selection.summary(self._distances.geometry.pairs)
 
     def configure(self, settings: ObstacleSettings) -> None:
-        """Other settings from now on; what is read-only stays as it was."""
+        """Applies changed settings; read-only settings keep their values."""
         self._settings = settings
 
-    def take(self, samples: tuple[ObstacleSample, ...], frames: Frames, now: Instant, max_age_ns: int) -> str:
-        """Takes obstacles that arrive now; stamps older than ``max_age_ns`` are another clock's.
+    def update_obstacles(
+        self, samples: tuple[ObstacleSample, ...], frames: Frames, now: Instant, max_age_ns: int
+    ) -> str:
+        """Adds, changes and deletes obstacles.
 
-        Returns what is wrong with those that cannot be used, by name; the others count.
+        Args:
+            samples: Obstacles of one message.
+            frames: Frames in which their poses may be expressed.
+            now: Time of arrival.
+            max_age_ns: A stamp older than this is not trusted; the time of arrival is used instead.
+
+        Returns:
+            The errors of samples that cannot be used, with their names; empty when all samples were used.
         """
-        wrong = []
+        errors = []
         for sample in samples:
             try:
-                self._take(sample, frames, now, max_age_ns)
+                self._update_obstacle(sample, frames, now, max_age_ns)
             except InputError as error:
-                wrong.append(f"{sample.name}: {error}")
-        return "; ".join(wrong)
+                errors.append(f"{sample.name}: {error}")
+        return "; ".join(errors)
 
-    def _take(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
+    def _update_obstacle(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
         if sample.action == "delete_all":
             self.scene = Scene()
         elif sample.action == "delete":
@@ -103,12 +119,23 @@ class Lookout:
         else:
             raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
 
-    def look(self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool) -> Surroundings | None:
-        """Potential, dampers and clearance; see :func:`ik_node.collision.avoidance.look_around`. None where blind."""
-        if self._clearance is None:
+    def update(
+        self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool
+    ) -> AvoidanceTerms | None:
+        """Removes expired obstacles and computes the avoidance terms.
+
+        Args:
+            q: Joint positions, (n,), rad (m).
+            qd: Present joint velocities, (n,), rad/s (m/s).
+            change: Largest difference of the next velocities from ``qd``, (n,), rad/s (m/s).
+            hold_s: Longest time for which a command is held, s.
+            time_ns: Monotonic time, ns.
+            repel: False for no repulsive potential.
+
+        Returns:
+            The terms, see :func:`ik_node.collision.avoidance.avoidance_terms`; None when :attr:`unavailable`.
+        """
+        if self._distances is None:
             return None
         self.scene = self.scene.at(time_ns)
-        return look_around(self._clearance, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)
-
-
-__all__ = ["Closest", "Lookout", "Surroundings"]
+        return avoidance_terms(self._distances, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)

@@ -1,4 +1,4 @@
-"""Obstacles: what they are, where they are, how they move; and the YAML files that hold them.
+"""Obstacles: shapes, poses and velocities, and the YAML files that define them.
 
 A scene file::
 
@@ -10,8 +10,9 @@ A scene file::
         frame: panda_link0               # any frame of the robot model; default: the base frame
         velocity: [0, 0.1, 0]            # m/s in that frame; default: at rest
 
-with one of ``sphere: {radius}``, ``box: {size: [x, y, z]}``, ``cylinder: {radius, length}``, ``capsule: {radius,
-length}`` each. Cylinders and capsules stand along z; a capsule's length is that between the centres of its ends.
+Each obstacle has one of ``sphere: {radius}``, ``box: {size: [x, y, z]}``, ``cylinder: {radius, length}``, ``capsule:
+{radius, length}``. The axis of cylinders and capsules is z; the length of a capsule is the distance between the centres
+of its hemispheres.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ import yaml
 
 from ik_node.errors import InputError, SceneError
 from ik_node.interfaces.clock import NS
-from ik_node.math.se3 import log_rotation, pose_from, vector
+from ik_node.math.numerics import checked_vector
+from ik_node.math.se3 import log_rotation, pose_from
 from ik_node.math.types import Array
 
 SIZES = {
@@ -36,29 +38,29 @@ SIZES = {
     "cylinder": ("radius", "length"),
     "capsule": ("radius", "length"),
 }
-"""Kinds of shapes and the names of their measures."""
+"""Kinds of shapes and the names of their dimensions."""
 
-FASTEST = 3.0
-"""An obstacle that seems faster than this, m/s, was put somewhere else; it did not move there."""
+MAX_SPEED = 3.0
+"""A larger apparent speed, m/s, is a change of place, not a motion."""
 
-LONGEST_GAP_S = 0.5
-"""Two positions further apart in time say nothing about a speed."""
+MAX_GAP_S = 0.5
+"""Two positions further apart in time give no velocity estimate."""
 
-AHEAD_S = 0.1
-"""How long a moving obstacle is carried on between its messages."""
+EXTRAPOLATION_S = 0.1
+"""Longest extrapolation of a moving obstacle between its messages."""
 
 
 class Shape(NamedTuple):
-    """A solid, centred at its own origin."""
+    """A solid whose centre is its origin."""
 
     kind: str
     """A key of :data:`SIZES`."""
     size: tuple[float, ...]
-    """Measures in the order of :data:`SIZES`, m, > 0."""
+    """Dimensions in the order of :data:`SIZES`, m, > 0."""
 
     @property
     def reach(self) -> float:
-        """Largest distance of its points from its origin, m."""
+        """Largest distance of a point of the solid from its origin, m."""
         if self.kind == "box":
             return 0.5 * math.sqrt(sum(side * side for side in self.size))
         if self.kind == "cylinder":
@@ -67,13 +69,25 @@ class Shape(NamedTuple):
 
 
 def shape(kind: str, size: Iterable[float], name: str = "obstacle") -> Shape:
-    """A checked shape; InputError naming ``name``, with the valid kinds, or the measure that is not positive."""
+    """Checks and returns a shape.
+
+    Args:
+        kind: A key of :data:`SIZES`.
+        size: Dimensions in the order of :data:`SIZES`, m.
+        name: Name of the obstacle, for error messages.
+
+    Returns:
+        The shape.
+
+    Raises:
+        InputError: The kind is unknown, or a dimension is missing or not positive.
+    """
     if kind not in SIZES:
         raise InputError(f"{name} is a '{kind}'; valid: {', '.join(SIZES)}")
-    numbers = vector(tuple(size), len(SIZES[kind]), f"size of {name}")
-    for measure, value in zip(SIZES[kind], numbers.tolist(), strict=True):
+    numbers = checked_vector(tuple(size), len(SIZES[kind]), f"size of {name}")
+    for dimension, value in zip(SIZES[kind], numbers.tolist(), strict=True):
         if value <= 0.0:
-            raise InputError(f"{name} has {measure} {value:g}; expected more than 0")
+            raise InputError(f"{name} has {dimension} {value:g}; expected more than 0")
     return Shape(kind, tuple(numbers.tolist()))
 
 
@@ -83,32 +97,35 @@ class Obstacle(NamedTuple):
     name: str
     shape: Shape
     pose_s: Array
-    """Pose of its origin, (4, 4)."""
+    """Pose of the origin, (4, 4)."""
     velocity_s: Array
-    """Velocity of its origin, (3,), m/s, along the axes of {s}."""
+    """Velocity of the origin, (3,), m/s, in {s}."""
     spin_s: Array
-    """Its angular velocity, (3,), rad/s, along the axes of {s}."""
+    """Angular velocity, (3,), rad/s, in {s}."""
     time_ns: int
-    """Monotonic time at which the pose held."""
+    """Monotonic time at which the pose was valid."""
     expires_ns: int | None = None
-    """Monotonic time from which it is gone; None: it stays."""
+    """Monotonic time at which the obstacle is removed; None: never."""
     steady: bool = False
-    """True: it goes on at its velocity for ever (a scene file says so); False: the velocity is an estimate."""
+    """True: the velocity is constant, as in scene files; False: the velocity is an estimate."""
 
     @property
     def moves(self) -> bool:
-        """True where it has a velocity."""
+        """True when the velocity or the angular velocity is not zero."""
         return any(self.velocity_s.tolist()) or any(self.spin_s.tolist())
 
     def at(self, time_ns: int) -> Obstacle:
-        """Itself a little later: carried on at its velocity, an estimated one for ``AHEAD_S`` only; an estimate that
-        was not renewed for ``LONGEST_GAP_S`` is no longer believed."""
+        """The obstacle extrapolated to a monotonic time.
+
+        An estimated velocity is used for at most ``EXTRAPOLATION_S``, and set to zero when it is older than
+        ``MAX_GAP_S``.
+        """
         if not self.moves:
             return self
         age_s = max((time_ns - self.time_ns) / NS, 0.0)
         pose = self.pose_s.copy()
-        pose[:3, 3] += self.velocity_s * (age_s if self.steady else min(age_s, AHEAD_S))
-        if self.steady or age_s <= LONGEST_GAP_S:
+        pose[:3, 3] += self.velocity_s * (age_s if self.steady else min(age_s, EXTRAPOLATION_S))
+        if self.steady or age_s <= MAX_GAP_S:
             return self._replace(pose_s=pose)
         return self._replace(pose_s=pose, velocity_s=np.zeros(3), spin_s=np.zeros(3))
 
@@ -121,7 +138,16 @@ def obstacle(
     velocity_s: Array | None = None,
     expires_ns: int | None = None,
 ) -> Obstacle:
-    """An obstacle at rest, or one that goes on steadily at ``velocity_s`` (3,), m/s."""
+    """Makes an obstacle.
+
+    Args:
+        name: Unique name.
+        solid: Its shape.
+        pose_s: Pose in the base frame, (4, 4).
+        time_ns: Monotonic time at which the pose is valid.
+        velocity_s: Constant velocity in the base frame, (3,), m/s; None for an obstacle at rest.
+        expires_ns: Monotonic time at which it is removed; None for never.
+    """
     velocity = np.zeros(3) if velocity_s is None else np.ascontiguousarray(velocity_s, dtype=np.float64)
     pose = np.ascontiguousarray(pose_s, dtype=np.float64)
     return Obstacle(name, solid, pose, velocity, np.zeros(3), time_ns, expires_ns, bool(velocity.any()))
@@ -129,15 +155,15 @@ def obstacle(
 
 @dataclass(frozen=True)
 class Scene:
-    """The obstacles that there are, by name. Every change makes a new scene."""
+    """Obstacles by name; immutable."""
 
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
 
     def put(self, new: Obstacle) -> Scene:
-        """With ``new`` added, or in the place of the one of its name, whose motion gives it a velocity.
+        """A scene with ``new`` added, or substituted for the obstacle of the same name.
 
-        The velocity is the mean of the last estimate and of the difference between the two poses, where these are no
-        more than ``LONGEST_GAP_S`` apart. A leap faster than ``FASTEST`` is none: the obstacle was put elsewhere.
+        The velocity of a substitute is estimated: the mean of the last estimate and of the difference between the two
+        poses, when these are at most ``MAX_GAP_S`` apart. When the speed exceeds ``MAX_SPEED``, the velocity is zero.
         """
         old = self.obstacles.get(new.name)
         if old is not None and not new.moves:
@@ -145,11 +171,11 @@ class Scene:
         return Scene({**self.obstacles, new.name: new})
 
     def remove(self, name: str) -> Scene:
-        """Without the obstacle ``name``; the same where there is none."""
+        """A scene without the obstacle ``name``; unknown names are ignored."""
         return Scene({key: value for key, value in self.obstacles.items() if key != name})
 
     def at(self, time_ns: int) -> Scene:
-        """Without those whose time is over."""
+        """A scene without the obstacles that have expired at a monotonic time."""
         if not self.obstacles:
             return self
         kept = {
@@ -162,13 +188,13 @@ class Scene:
 
 def _with_velocity(old: Obstacle, new: Obstacle) -> Obstacle:
     elapsed_s = (new.time_ns - old.time_ns) / NS
-    if not 0.0 < elapsed_s <= LONGEST_GAP_S:
-        # Two messages of one moment: what was known holds on.
+    if not 0.0 < elapsed_s <= MAX_GAP_S:
+        # Two messages with the same stamp: the estimate is kept.
         same = elapsed_s == 0.0
         return new._replace(velocity_s=old.velocity_s, spin_s=old.spin_s) if same else new
     velocity = (new.pose_s[:3, 3] - old.pose_s[:3, 3]) / elapsed_s
     spin = log_rotation(new.pose_s[:3, :3] @ old.pose_s[:3, :3].T) / elapsed_s
-    if float(np.linalg.norm(velocity)) > FASTEST:
+    if float(np.linalg.norm(velocity)) > MAX_SPEED:
         return new
     if old.moves:
         velocity, spin = 0.5 * (velocity + old.velocity_s), 0.5 * (spin + old.spin_s)
@@ -176,9 +202,18 @@ def _with_velocity(old: Obstacle, new: Obstacle) -> Obstacle:
 
 
 def read_scene(path: str | Path, pose_of_frame: Callable[[str], Array] | None = None) -> Scene:
-    """The scene of a YAML file. ``pose_of_frame``: T_sf of a frame of the robot; it may raise for unknown ones.
+    """Reads a scene from a YAML file.
 
-    Raises SceneError naming the file, the obstacle and what is wrong with it.
+    Args:
+        path: Path of the file.
+        pose_of_frame: Returns the pose (4, 4) of a frame of the robot in the base frame; None when only the base
+            frame is permitted.
+
+    Returns:
+        The scene.
+
+    Raises:
+        SceneError: The file cannot be read, is not YAML, or an obstacle in it is invalid; names the obstacle.
     """
     try:
         content = yaml.safe_load(Path(path).read_text())
@@ -188,12 +223,12 @@ def read_scene(path: str | Path, pose_of_frame: Callable[[str], Array] | None = 
         raise SceneError(f"scene {path} is not YAML: {error}") from error
     entries = content.get("obstacles") if isinstance(content, dict) else None
     if not isinstance(entries, list):
-        raise SceneError(f"scene {path} holds no list 'obstacles'")
+        raise SceneError(f"scene {path} has no list 'obstacles'")
     scene = Scene()
     for index, entry in enumerate(entries):
         name = str(entry.get("name", f"obstacle_{index}")) if isinstance(entry, dict) else f"obstacle_{index}"
         if name in scene.obstacles:
-            raise SceneError(f"scene {path} holds two obstacles called '{name}'")
+            raise SceneError(f"scene {path} has two obstacles named '{name}'")
         try:
             scene = scene.put(_from_entry(name, entry, pose_of_frame))
         except (InputError, TypeError, ValueError) as error:
@@ -211,18 +246,18 @@ def _from_entry(name: str, entry: Any, pose_of_frame: Callable[[str], Array] | N
     kinds = [kind for kind in SIZES if kind in entry]
     if len(kinds) != 1:
         raise InputError(f"expected one of {', '.join(SIZES)}; found {', '.join(kinds) or 'none'}")
-    solid = shape(kinds[0], _measures(kinds[0], entry[kinds[0]]), name)
+    solid = shape(kinds[0], _dimensions(kinds[0], entry[kinds[0]]), name)
     pose = pose_from(entry.get("position", (0.0, 0.0, 0.0)), entry.get("orientation", (0.0, 0.0, 0.0, 1.0)), name)
-    velocity = vector(entry.get("velocity", (0.0, 0.0, 0.0)), 3, f"velocity of {name}")
+    velocity = checked_vector(entry.get("velocity", (0.0, 0.0, 0.0)), 3, f"velocity of {name}")
     if entry.get("frame"):
         if pose_of_frame is None:
-            raise InputError(f"frame '{entry['frame']}' cannot be looked up without a robot")
+            raise InputError(f"frame '{entry['frame']}' cannot be resolved without a robot")
         frame = pose_of_frame(str(entry["frame"]))
         pose, velocity = frame @ pose, frame[:3, :3] @ velocity
     return obstacle(name, solid, pose, velocity_s=velocity)
 
 
-def _measures(kind: str, values: Any) -> tuple[float, ...]:
+def _dimensions(kind: str, values: Any) -> tuple[float, ...]:
     if not isinstance(values, dict):
         raise InputError(f"{kind} is {values!r}; expected a mapping")
     names = ("size",) if kind == "box" else SIZES[kind]

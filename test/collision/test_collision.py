@@ -18,8 +18,9 @@ from arms import ball_arm
 from benchmarks.reference_solvers import arm, random_position
 from ik_node.collision import bounding_capsule
 from ik_node.collision import geometry as collision_geometry
-from ik_node.collision.distances import Clearance, Near
-from ik_node.collision.geometry import Geometry
+from ik_node.collision.distance_kernels import NearPairs, approach_speed_bounds
+from ik_node.collision.distances import DistanceQuery
+from ik_node.collision.geometry import CollisionGeometry
 from ik_node.collision.scene import Scene, obstacle, shape
 from ik_node.errors import CollisionUnavailableError, UnknownNameError
 from ik_node.math.se3 import exp
@@ -30,7 +31,7 @@ KINDS = (("sphere", (0.1,)), ("box", (0.2, 0.1, 0.3)), ("capsule", (0.05, 0.3)),
 
 
 @cache
-def geometry_of(name: str) -> Geometry:
+def geometry_of(name: str) -> CollisionGeometry:
     return collision_geometry.load(ball_arm() if name == "balls" else arm(name))
 
 
@@ -45,10 +46,10 @@ def random_scene(rng: np.random.Generator, count: int, reach: float, kinds: tupl
     return scene
 
 
-def measured(geometry: Geometry, scene: Scene, q: Array, within: float = np.inf) -> Near:
+def measured(geometry: CollisionGeometry, scene: Scene, q: Array, within: float = np.inf) -> NearPairs:
     """Everything, by a measurer that knows nothing of the past."""
-    fresh = Clearance(geometry)
-    fresh.see(scene, 0)
+    fresh = DistanceQuery(geometry)
+    fresh.set_scene(scene, 0)
     return fresh.measure(q, np.full(fresh.pairs, within))[0]
 
 
@@ -58,7 +59,7 @@ def test_lazy_distances_are_those_of_measuring_everything(name: str) -> None:
     arm, obstacles that move, turn, come and go."""
     geometry, rng = geometry_of(name), np.random.default_rng(1)
     robot = geometry.robot
-    lazy, scene = Clearance(geometry), random_scene(rng, 4, 0.6, ("sphere", "box"))
+    lazy, scene = DistanceQuery(geometry), random_scene(rng, 4, 0.6, ("sphere", "box"))
     q, compared = random_position(robot, rng), 0
     for tick in range(150):
         q = random_position(robot, rng) if tick % 50 == 49 else q + rng.normal(size=robot.n) * 0.02
@@ -68,10 +69,10 @@ def test_lazy_distances_are_those_of_measuring_everything(name: str) -> None:
             scene = scene.put(obstacle(name_of, shape("sphere", (0.1,)), pose, tick * 10**8))
         if tick == 100:
             scene = scene.remove("o1")
-        lazy.see(scene, tick * 10**8)
+        lazy.set_scene(scene, tick * 10**8)
         near, closest = lazy.measure(q, np.full(lazy.pairs, 0.2))
-        fresh = Clearance(geometry)
-        fresh.see(scene, tick * 10**8)
+        fresh = DistanceQuery(geometry)
+        fresh.set_scene(scene, tick * 10**8)
         everything, truth = fresh.measure(q, np.full(fresh.pairs, np.inf))
         inside = everything.distance < 0.2
         assert near.pair.tolist() == np.flatnonzero(inside).tolist()
@@ -85,8 +86,8 @@ def test_lazy_distances_are_those_of_measuring_everything(name: str) -> None:
 def test_skipping_saves_measurements() -> None:
     """The point of the lower bounds: in slow motion only a few pairs are measured."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(2)
-    lazy, q, count = Clearance(geometry), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5]), 0
-    lazy.see(random_scene(rng, 10, 1.5), 0)
+    lazy, q, count = DistanceQuery(geometry), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5]), 0
+    lazy.set_scene(random_scene(rng, 10, 1.5), 0)
     inner = lazy._measure
 
     def counted(pair: int, within: Array, closest: bool) -> int:
@@ -101,7 +102,7 @@ def test_skipping_saves_measurements() -> None:
     assert count < 0.2 * 200 * lazy.pairs
 
 
-def slopes_by_differences(geometry: Geometry, scene: Scene, q: Array, step: float) -> Array:
+def slopes_by_differences(geometry: CollisionGeometry, scene: Scene, q: Array, step: float) -> Array:
     columns = []
     for joint in range(geometry.robot.n):
         up, down = q.copy(), q.copy()
@@ -169,8 +170,8 @@ def test_no_flip_through_contact_and_either_order(kind: str) -> None:
         scene = Scene().put(obstacle("thing", shape(kind, size), pose))
         found = {}
         for made in (geometry, backwards):
-            clearance = Clearance(made)
-            clearance.see(scene, 0)
+            clearance = DistanceQuery(made)
+            clearance.set_scene(scene, 0)
             near, _ = clearance.measure(q, np.full(clearance.pairs, np.inf))
             rows = {frozenset(clearance.names(pair)): row for row, pair in enumerate(near.pair)}
             found[made is geometry] = near, rows
@@ -208,21 +209,21 @@ def test_self_pairs_either_order() -> None:
 def test_nearest_points_and_drift() -> None:
     """The points of the closest pair lie their distance apart, in the base frame; an obstacle's own motion counts."""
     robot = ball_arm(base_offset="0.1 0.2 0.3")
-    clearance = Clearance(collision_geometry.load(robot))
+    clearance = DistanceQuery(collision_geometry.load(robot))
     q = np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
     tip = robot.pose(q)
     pose = np.eye(4)
     pose[:3, 3] = np.array([0.3, 0.0, 0.0]) + tip[:3, 3] + 0.3 * tip[:3, 2]
     velocity = np.array([-0.5, 0.2, 0.0])
     ball = obstacle("ball", shape("sphere", (0.1,)), pose, velocity_s=velocity)
-    clearance.see(Scene().put(ball), 0)
+    clearance.set_scene(Scene().put(ball), 0)
     near, closest = clearance.measure(q, np.full(clearance.pairs, np.inf))
     assert closest.names == ("link6", "ball")
     assert closest.distance == pytest.approx(0.15)
     assert closest.points_s[1] - closest.points_s[0] == pytest.approx([0.15, 0.0, 0.0])
     row = [clearance.names(pair) for pair in near.pair].index(("link6", "ball"))
     assert near.drift[row] == pytest.approx(-0.5)
-    clearance.see(Scene().put(ball), 100_000_000)  # Carried on: 5 cm nearer, 2 cm aside.
+    clearance.set_scene(Scene().put(ball), 100_000_000)  # Carried on: 5 cm nearer, 2 cm aside.
     later = clearance.measure(q, np.full(clearance.pairs, np.inf))[1]
     assert later.distance == pytest.approx(np.hypot(0.25, 0.02) - 0.15)
 
@@ -234,35 +235,35 @@ def test_an_arm_of_one_joint_and_an_arm_without_pairs() -> None:
         f'<robot name="lever"><link name="a"/><link name="b">{solid}</link><joint name="j" type="continuous">'
         '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
     )
-    clearance, q, still = Clearance(collision_geometry.load(robot)), np.zeros(1), np.zeros(1)
+    clearance, q, still = DistanceQuery(collision_geometry.load(robot)), np.zeros(1), np.zeros(1)
     near, closest = clearance.measure(q, np.zeros(0))
     assert (len(near.pair), closest.distance, closest.names) == (0, np.inf, ())
-    assert clearance.speeds(q, still, still).shape == (0,)
+    assert approach_speed_bounds(*clearance.motions(q, still, still)).shape == (0,)
     pose = np.eye(4)
     pose[:3, 3] = 0.5, 0.3, 0.0
-    clearance.see(Scene().put(obstacle("ball", shape("sphere", (0.1,)), pose)), 0)
+    clearance.set_scene(Scene().put(obstacle("ball", shape("sphere", (0.1,)), pose)), 0)
     near, closest = clearance.measure(q, np.ones(1))
     assert closest.distance == pytest.approx(0.1)
     assert near.slope == pytest.approx(np.array([[-0.5]]))
-    assert clearance.speeds(q, np.array([2.0]), still)[0] >= 1.0
+    assert approach_speed_bounds(*clearance.motions(q, np.array([2.0]), still))[0] >= 1.0
 
 
 def test_what_is_not_known_counts_as_near() -> None:
     """A NaN among the distances that are asked for must not hide a pair."""
-    clearance, q = Clearance(geometry_of("panda")), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
+    clearance, q = DistanceQuery(geometry_of("panda")), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
     assert len(clearance.measure(q, np.full(clearance.pairs, np.nan))[0].pair) == clearance.pairs
 
 
 def test_speeds_are_upper_bounds() -> None:
-    """What the dampers rely on: no pair comes nearer faster than :meth:`Clearance.speeds` says."""
+    """What the dampers rely on: no pair comes nearer faster than :func:`approach_speed_bounds` says."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(6)
-    clearance = Clearance(geometry)
-    clearance.see(random_scene(rng, 5, 0.6), 0)
+    clearance = DistanceQuery(geometry)
+    clearance.set_scene(random_scene(rng, 5, 0.6), 0)
     for _ in range(30):
         q, qd = random_position(geometry.robot, rng), rng.normal(size=7)
         near, _ = clearance.measure(q, np.full(clearance.pairs, np.inf))
         change = rng.uniform(0.0, 0.3, 7)
-        bound = clearance.speeds(q, qd, change)
+        bound = approach_speed_bounds(*clearance.motions(q, qd, change))
         assert (np.abs(near.slope @ qd) + np.abs(near.slope) @ change <= bound + 1e-9).all()
 
 
@@ -303,22 +304,22 @@ def test_pairs_are_chosen_for_a_stated_reason() -> None:
     the sampling."""
     robot = arm("talos_arm")
     pairs = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot).pairs}
-    assert pairs["arm_left_5_link", "arm_left_7_link"].reason == "touches in 100% of the samples"
-    assert pairs["arm_left_1_link", "arm_left_2_link"].reason == "joined by one joint"
+    assert pairs["arm_left_5_link", "arm_left_7_link"].reason == "in collision in 100% of the samples"
+    assert pairs["arm_left_1_link", "arm_left_2_link"].reason == "adjacent"
     assert pairs["arm_left_1_link", "arm_left_7_link"].watched
     chosen = collision_geometry.load(
-        robot, ignored=("arm_left_1_link:arm_left_7_link",), checked=("arm_left_7_link:arm_left_5_link",)
+        robot, ignored=("arm_left_1_link:arm_left_7_link",), watched=("arm_left_7_link:arm_left_5_link",)
     )
-    assert ("arm_left_1_link", "arm_left_7_link", False, "to be ignored") in chosen.pairs
-    assert ("arm_left_5_link", "arm_left_7_link", True, "asked for") in chosen.pairs
+    assert ("arm_left_1_link", "arm_left_7_link", False, "listed in ignored_pairs") in chosen.pairs
+    assert ("arm_left_5_link", "arm_left_7_link", True, "listed in watched_pairs") in chosen.pairs
     srdf = '<robot name="t"><disable_collisions link1="arm_left_7_link" link2="arm_left_2_link" reason="x"/></robot>'
     told = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot, srdf=srdf).pairs}
     assert not told["arm_left_2_link", "arm_left_7_link"].watched
-    assert told["arm_left_1_link", "arm_left_7_link"].reason == "the SRDF does not disable it"
+    assert told["arm_left_1_link", "arm_left_7_link"].reason == "not disabled by the SRDF"
     # It forgets a pair that always touches, which would hold the arm for ever.
     forgotten = told["arm_left_5_link", "arm_left_7_link"]
     assert not forgotten.watched
-    assert forgotten.reason == "not disabled by the SRDF, but touches in 100% of the samples"
+    assert forgotten.reason == "not disabled by the SRDF, but in collision in 100% of the samples"
     silent = '<robot name="t"><group name="arm"/></robot>'
     assert collision_geometry.load(robot, srdf=silent).pairs == collision_geometry.load(robot).pairs, (
         "it says nothing of pairs"

@@ -14,7 +14,8 @@ from loop import READY, Loop
 
 from benchmarks.reference_solvers import random_position
 from ik_node.collision import geometry as collision_geometry
-from ik_node.collision.distances import Clearance
+from ik_node.collision.distance_kernels import approach_speed_bounds
+from ik_node.collision.distances import DistanceQuery
 from ik_node.collision.scene import Scene, obstacle, shape
 from ik_node.errors import RobotError
 from ik_node.interfaces.step import Mode
@@ -162,8 +163,8 @@ def test_a_turn_of_a_master_is_no_turn_of_what_mimics_it() -> None:
 def everything(robot: Robot, scene: Scene, q: Array) -> tuple[Array, Array]:
     """Distances and slopes of all pairs that both kinds of arm watch."""
     geometry = collision_geometry.load(robot, self_collision=False)
-    fresh = Clearance(geometry)
-    fresh.see(scene, 0)
+    fresh = DistanceQuery(geometry)
+    fresh.set_scene(scene, 0)
     near = fresh.measure(q, np.full(fresh.pairs, np.inf))[0]
     return near.distance, near.slope
 
@@ -191,7 +192,7 @@ def test_lazy_distances_and_speeds_stay_bounds() -> None:
     bit for bit, and no distance shrinks faster than said."""
     robot = pair()[0]
     geometry = collision_geometry.load(robot)
-    lazy, scene = Clearance(geometry), Scene()
+    lazy, scene = DistanceQuery(geometry), Scene()
     for index in range(4):
         pose = se3.exp(GENERATOR.normal(size=6))
         pose[:3, 3] = GENERATOR.uniform(-0.8, 0.8, 3)
@@ -199,10 +200,10 @@ def test_lazy_distances_and_speeds_stay_bounds() -> None:
     q, compared = random_position(robot, GENERATOR), 0
     for tick in range(200):
         q = random_position(robot, GENERATOR) if tick % 50 == 49 else q + GENERATOR.normal(size=3) * 0.02
-        lazy.see(scene, 0)
+        lazy.set_scene(scene, 0)
         near, closest = lazy.measure(q, np.full(lazy.pairs, 0.2))
-        fresh = Clearance(geometry)
-        fresh.see(scene, 0)
+        fresh = DistanceQuery(geometry)
+        fresh.set_scene(scene, 0)
         whole, truth = fresh.measure(q, np.full(fresh.pairs, np.inf))
         inside = whole.distance < 0.2
         assert near.pair.tolist() == np.flatnonzero(inside).tolist()
@@ -210,7 +211,7 @@ def test_lazy_distances_and_speeds_stay_bounds() -> None:
         assert closest.distance == truth.distance
         compared += len(near.pair)
         qd = GENERATOR.normal(size=3)
-        assert (np.abs(whole.slope @ qd) <= fresh.speeds(q, qd, np.zeros(3)) + 1e-9).all()
+        assert (np.abs(whole.slope @ qd) <= approach_speed_bounds(*fresh.motions(q, qd, np.zeros(3))) + 1e-9).all()
     assert compared > 50
 
 

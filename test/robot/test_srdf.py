@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ik_node.collision import geometry as collision_geometry
+from ik_node.collision import pair_selection
 from ik_node.control.controller import Controller
 from ik_node.errors import SettingsError
 from ik_node.robot import catalogue, srdf
@@ -48,9 +49,9 @@ def test_shipped_ones_fit_their_arms(name: str) -> None:
     }
     assert disabled <= srdf.disabled_pairs(text, links)
     assert bool(disabled) == (name not in ("kinova", "z1"))
-    distances = collision_geometry.sampled_distances(robot, geometry.links, geometry.watched())
+    distances = pair_selection.sampled_distances(robot, geometry.links, geometry.watched())
     assert distances.shape[1] > 5
-    assert (np.mean(distances <= 0.0, axis=0) < collision_geometry.ALWAYS).all()
+    assert (np.mean(distances <= 0.0, axis=0) < pair_selection.PERMANENT_CONTACT).all()
 
 
 def test_pairs_disabled_by_default_and_enabled_again() -> None:

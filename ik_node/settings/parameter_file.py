@@ -1,4 +1,4 @@
-"""Parameter files as ROS reads them, read without ROS."""
+"""Reads ROS parameter files without ROS."""
 
 from __future__ import annotations
 
@@ -9,20 +9,29 @@ import yaml
 
 from ik_node.errors import SettingsError
 from ik_node.settings.groups import Settings, describe
+from ik_node.settings.replaced import replacement
 
 
 def read_settings(path: Path, node: str = "ik_node") -> Settings:
-    """The settings that ``/**: <node>: ros__parameters:`` of a file holds, defaults elsewhere.
+    """Reads the section ``/**: <node>: ros__parameters:`` of a parameter file.
 
-    Parameters that are none of ours (a node has others too) are passed over. Raises SettingsError when the file is no
-    such file or a value is out of range.
+    Args:
+        path: YAML file as ROS 2 reads it.
+        node: Name of the node in the file.
+
+    Returns:
+        The settings of the file, with default values elsewhere. Parameters unknown to this package are ignored, since
+        a node may have others.
+
+    Raises:
+        SettingsError: The file has no such section, a value is invalid, or a parameter belongs to an earlier version.
     """
     try:
         values = _flat(yaml.safe_load(path.read_text())["/**"][node]["ros__parameters"])
     except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise SettingsError(f"'{path}' is no parameter file with /**: {node}: ros__parameters: ({error!r})") from error
     known = {about.name for about in describe()}
-    return Settings().with_values({name: value for name, value in values.items() if name in known})
+    return Settings().with_values({name: value for name, value in values.items() if name in known or replacement(name)})
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:

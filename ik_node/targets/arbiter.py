@@ -7,7 +7,7 @@ done, keeps the arm where it left it (hold) until the next one.
 
 The reference never jumps: whoever takes command gets it with the position, velocity and acceleration that it has.
 
-What ``pace`` does: the reference of a path and of a jog goes on by the part s of each twist that the limits let
+What ``time_rate`` does: the reference of a path and of a jog goes on by the part s of each twist that the limits let
 through, so that a path is kept, only later, and a jog does not run ahead of the arm. A stream cannot be slowed: its
 samples say where the target is now. There the arm falls behind, and catches up along the shortest way.
 """
@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.errors import InputError, TargetRefused
-from ik_node.interfaces.clock import NS, Instant, Stamped, place
+from ik_node.interfaces.clock import NS, Instant, Stamped, to_monotonic
 from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.samples import PathSample, TrajectorySample, TwistSample
+from ik_node.math.numerics import checked_vector
 from ik_node.math.quaternion import from_matrix
-from ik_node.math.se3 import vector
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames
 from ik_node.robot.robot import Robot
@@ -37,19 +37,21 @@ from ik_node.targets.path.request import (
     FASTEST_M_S,
     FASTEST_RAD_S,
     FramePose,
-    Route,
-    route_of_path,
-    route_of_trajectory,
+    PathRequest,
+    request_from_path,
+    request_from_trajectory,
 )
 from ik_node.targets.stream.stream import StreamedPoses, StreamSnapshot
 
-TURNS = 4
+MAX_STAMP_AGE_S = 1.0
+"""If the stamp of a target is older than this, the time of arrival is used instead."""
+SOURCE_CHANGES = 4
 """So many changes of command between two inputs ..."""
-TURNS_WITHIN_S = 2.0
+SOURCE_CHANGES_WITHIN_S = 2.0
 """... in this time mean that both are being published at once."""
 
 
-class Source(Enum):
+class TargetSource(Enum):
     """Who is in command; the values are the names of the inputs."""
 
     NONE = "none"
@@ -59,59 +61,59 @@ class Source(Enum):
     TWIST = "target_twist"
 
 
-class TargetsSnapshot(NamedTuple):
+class ArbiterSnapshot(NamedTuple):
     """Everything that is remembered; plain data."""
 
-    source: Source
-    rival: Source
+    source: TargetSource
+    previous_source: TargetSource
     """Who was in command before."""
     changes_ns: tuple[int, ...]
     """When command last changed between those two."""
     time_ns: int
-    remark: str
+    warning: str
     """What a person should know about the last path or twist."""
     stream: StreamSnapshot
     path: PathSnapshot
     jog: JogSnapshot
 
 
-class Targets:
+class TargetArbiter:
     """Every input's targets in, one motion out. All times are monotonic nanoseconds; one thread."""
 
     def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
         """``robot``: so that paths without times get some that its joints can keep."""
         self._stream = StreamedPoses(settings.target)
         self._path = PathFollower(settings, robot)
-        self._jog = Jog(settings.jog)
+        self._jog = Jog(settings)
         self._settings = settings
-        self._source = self._rival = Source.NONE
+        self._source = self._previous_source = TargetSource.NONE
         self._changes_ns: tuple[int, ...] = ()
         self._time_ns = 0
-        self._remark = ""
+        self._warning = ""
 
     def configure(self, settings: Settings) -> None:
         """Other settings from now on; whoever is in command goes on."""
         self._settings = settings
         self._stream.configure(settings.target)
         self._path.configure(settings)
-        self._jog.configure(settings.jog)
+        self._jog.configure(settings)
 
-    def capture(self) -> TargetsSnapshot:
+    def capture(self) -> ArbiterSnapshot:
         """A snapshot, for :meth:`restore`."""
-        return TargetsSnapshot(
+        return ArbiterSnapshot(
             self._source,
-            self._rival,
+            self._previous_source,
             self._changes_ns,
             self._time_ns,
-            self._remark,
+            self._warning,
             self._stream.capture(),
             self._path.capture(),
             self._jog.capture(),
         )
 
-    def restore(self, snapshot: TargetsSnapshot) -> None:
+    def restore(self, snapshot: ArbiterSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
-        self._source, self._rival, self._changes_ns, self._time_ns, self._remark = snapshot[:5]
+        self._source, self._previous_source, self._changes_ns, self._time_ns, self._warning = snapshot[:5]
         self._stream.restore(snapshot.stream)
         self._path.restore(snapshot.path)
         self._jog.restore(snapshot.jog)
@@ -120,8 +122,8 @@ class Targets:
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
         """Nobody in command, at rest at ``pose_sd`` (4, 4); everything else is forgotten."""
-        self._source = self._rival = Source.NONE
-        self._changes_ns, self._remark, self._time_ns = (), "", time_ns
+        self._source = self._previous_source = TargetSource.NONE
+        self._changes_ns, self._warning, self._time_ns = (), "", time_ns
         self._stream.start(pose_sd, time_ns)
         self._path.forget()
         self._jog.begin(_resting(pose_sd), time_ns)
@@ -130,7 +132,7 @@ class Targets:
         """Goes on with whoever is in command, from rest at ``pose_sd``: for an arm that did not follow for a while."""
         reference = _resting(pose_sd)
         self._time_ns = time_ns
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             self._stream.rest_at(reference, time_ns)
         elif self._on_path:
             self._path.rest_at(reference, time_ns)
@@ -139,9 +141,9 @@ class Targets:
 
     def on_pose(self, pose_sd: Array, stamped: Stamped) -> None:
         """A checked pose (4, 4) of the stream."""
-        if self._source is not Source.POSE:
+        if self._source is not TargetSource.POSE:
             reference = self._motion()
-            self._take_command(Source.POSE, stamped.received_ns)
+            self._take_command(TargetSource.POSE, stamped.received_ns)
             self._stream.take_over(reference, self._time_ns)
         self._stream.add(pose_sd, stamped)
 
@@ -150,91 +152,91 @@ class Targets:
 
         Without q, times for a path that has none are found from the bounds on the tool's motion alone.
         """
-        self._follow(route_of_path(sample, frame_pose, now, self._settings.path), Source.PATH, now, q)
+        self._follow(request_from_path(sample, frame_pose, now, self._settings.path), TargetSource.PATH, now, q)
 
     def on_trajectory(self, sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> None:
         """A trajectory. Raises TargetRefused naming the point, and goes on with what it had."""
-        self._follow(route_of_trajectory(sample, frame_pose, now, self._settings.path), Source.TRAJECTORY, now)
+        self._follow(request_from_trajectory(sample, frame_pose, now), TargetSource.TRAJECTORY, now)
 
     def on_twist(self, sample: TwistSample, frame: TwistFrame, now: Instant) -> None:
         """A twist to jog by. Raises TargetRefused, and goes on with what it had."""
         try:
-            twist = vector(sample.twist, 6, "target twist")
+            twist = checked_vector(sample.twist, 6, "target twist")
         except InputError as error:
             raise TargetRefused(str(error)) from error
         if np.linalg.norm(twist[:3]) > FASTEST_M_S or np.linalg.norm(twist[3:]) > FASTEST_RAD_S:
             raise TargetRefused(
                 f"target twist is {twist.tolist()}; accepted: {FASTEST_M_S:g} m/s and {FASTEST_RAD_S:g} rad/s"
             )
-        stamped = place(sample.stamp_ns, now, round(self._settings.target.max_age_s * NS))
+        stamped = to_monotonic(sample.stamp_ns, now, round(MAX_STAMP_AGE_S * NS))
         age_s, timeout_s = (now.monotonic_ns - stamped.time_ns) / NS, self._settings.jog.timeout_s
         if age_s >= timeout_s:
             raise TargetRefused(f"target twist is {age_s:.3g} s old; jog.timeout_s is {timeout_s:g}")
-        if self._source is not Source.TWIST:
+        if self._source is not TargetSource.TWIST:
             if not twist.any():
                 return
             reference = self._motion()
-            self._take_command(Source.TWIST, now.monotonic_ns)
+            self._take_command(TargetSource.TWIST, now.monotonic_ns)
             self._jog.begin(reference, self._time_ns)
         self._jog.add(twist, frame, stamped)
-        self._remark = "stamps of target_twist disagree with this clock; arrival counts" if stamped.skew_ns else ""
+        self._warning = "stamps of target_twist disagree with this clock; arrival counts" if stamped.skew_ns else ""
 
-    def _follow(self, route: Route, source: Source, now: Instant, q: Array | None = None) -> None:
+    def _follow(self, request: PathRequest, source: TargetSource, now: Instant, q: Array | None = None) -> None:
         reference = self._motion()
-        self._path.begin(route, reference, self._time_ns, q)
+        self._path.begin(request, reference, self._time_ns, q)
         self._take_command(source, now.monotonic_ns)
-        self._remark = route.remark
+        self._warning = request.warning
 
-    def _take_command(self, source: Source, time_ns: int) -> None:
+    def _take_command(self, source: TargetSource, time_ns: int) -> None:
         if source is self._source:
             return
-        between_two = source is self._rival
-        self._changes_ns = (*self._changes_ns, time_ns)[-TURNS:] if between_two else (time_ns,)
-        self._source, self._rival = source, self._source
-        self._remark = ""
+        between_two = source is self._previous_source
+        self._changes_ns = (*self._changes_ns, time_ns)[-SOURCE_CHANGES:] if between_two else (time_ns,)
+        self._source, self._previous_source = source, self._source
+        self._warning = ""
         if not self._on_path:
             self._path.forget()
 
     # --- ticks -------------------------------------------------------------------------------------------------------
 
-    def advance(self, time_ns: int, hold_s: float, pace: float = 1.0, pose_sb: Array | None = None) -> Motion:
+    def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
         """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
 
-        ``pace``: the part of the last twist that the arm did, 0 to 1: s, and 0 while the robot does not follow.
+        ``time_rate``: the part of the last twist that the arm did, 0 to 1: s, and 0 while the robot does not follow.
         ``pose_sb`` (4, 4): where the tool is; without it there is no distance to a path, and no leash on a jog.
         """
         self._time_ns = max(self._time_ns, time_ns)
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             return self._stream.advance(time_ns, hold_s)
         if self._on_path:
-            return self._path.advance(time_ns, hold_s, pace, pose_sb)
-        return self._jog.advance(time_ns, hold_s, pace, pose_sb)
+            return self._path.advance(time_ns, hold_s, time_rate, pose_sb)
+        return self._jog.advance(time_ns, hold_s, time_rate, pose_sb)
 
     def _motion(self) -> RigidMotion:
         """The reference at the last tick."""
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             return self._stream.motion()
         return self._path.motion() if self._on_path else self._jog.motion()
 
     @property
     def _on_path(self) -> bool:
-        return self._source in (Source.PATH, Source.TRAJECTORY)
+        return self._source in (TargetSource.PATH, TargetSource.TRAJECTORY)
 
     # --- what there is to say ----------------------------------------------------------------------------------------
 
     @property
-    def source(self) -> Source:
+    def source(self) -> TargetSource:
         """Which input is in command, or was when it ended."""
         return self._source
 
     @property
     def ended(self) -> bool:
         """Nothing more is asked for; the last pose is held."""
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             return self._stream.ended
         if self._on_path:
             return self._path.finished
-        return self._source is Source.NONE or self._jog.ended
+        return self._source is TargetSource.NONE or self._jog.ended
 
     @property
     def reason(self) -> str:
@@ -243,12 +245,12 @@ class Targets:
 
     def reason_when(self, ended: bool) -> str:
         """:attr:`reason`, for who has asked for :attr:`ended`."""
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             return "the target stream has ended; holding the last pose" if ended else "following target_pose"
         name = self._source.value
-        if self._source is Source.NONE:
+        if self._source is TargetSource.NONE:
             return "no target yet"
-        if self._source is Source.TWIST:
+        if self._source is TargetSource.TWIST:
             return f"no {name} any more; holding the pose" if ended else f"jogging by {name}"
         return self._path_reason(name)
 
@@ -262,21 +264,21 @@ class Targets:
         return f"following {name}"
 
     @property
-    def remarks(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What a person should know besides."""
-        if self._source is Source.POSE and not self._remark and len(self._changes_ns) < TURNS:
+        if self._source is TargetSource.POSE and not self._warning and len(self._changes_ns) < SOURCE_CHANGES:
             return ()
         found = []
         changes = self._changes_ns
-        if len(changes) == TURNS and self._time_ns - changes[0] < TURNS_WITHIN_S * NS:
-            names = sorted((self._source.value, self._rival.value))
+        if len(changes) == SOURCE_CHANGES and self._time_ns - changes[0] < SOURCE_CHANGES_WITHIN_S * NS:
+            names = sorted((self._source.value, self._previous_source.value))
             found.append(f"{' and '.join(names)} take command from each other")
-        if self._source is Source.TWIST and self._jog.cut:
-            found.append("target_twist is cut to jog.max_linear_speed and jog.max_angular_speed")
-        if self._source is Source.TWIST and self._jog.leashed:
+        if self._source is TargetSource.TWIST and self._jog.clamped:
+            found.append("target_twist is faster than jogging may be and is scaled down")
+        if self._source is TargetSource.TWIST and self._jog.lead_limited:
             found.append("the tool cannot follow target_twist")
-        if self._remark:
-            found.append(self._remark)
+        if self._warning:
+            found.append(self._warning)
         return tuple(found)
 
     @property
@@ -302,7 +304,7 @@ class Targets:
     @property
     def goal_sd(self) -> Array | None:
         """Where it will end, (4, 4): the stream's last sample, the path's last pose; None without one."""
-        if self._source is Source.POSE:
+        if self._source is TargetSource.POSE:
             return self._stream.goal_sd
         return self._path.goal_sd if self._on_path else None
 

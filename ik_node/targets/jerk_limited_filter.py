@@ -30,12 +30,12 @@ from ik_node.math.quaternion import (
     Vector,
     conjugate,
     difference,
-    from_vector,
+    from_rotation_vector,
     multiply,
     normalised,
-    rotate_back,
+    rotate_inverse,
     to_matrix,
-    to_vector,
+    to_rotation_vector,
 )
 from ik_node.math.types import Array
 
@@ -70,6 +70,13 @@ class Bounds(NamedTuple):
     """Largest speed that the error alone may ask for."""
 
 
+class MotionBounds(NamedTuple):
+    """Bounds of the two halves of a motion."""
+
+    linear: Bounds
+    angular: Bounds
+
+
 class Jerk(NamedTuple):
     """Jerk of a rigid motion, held for a while."""
 
@@ -81,23 +88,25 @@ class Jerk(NamedTuple):
 
 
 @compiled
-def move(motion: RigidMotion, jerk: Jerk, duration_s: float) -> RigidMotion:
+def integrate(motion: RigidMotion, jerk: Jerk, duration_s: float) -> RigidMotion:
     """``motion`` after ``duration_s`` of constant ``jerk``; exact but for products of turning axes, O(dt^3)."""
-    moved, velocity, acceleration = _integrate(motion.velocity, motion.acceleration, jerk.linear, duration_s)
-    turned, rate, angular_acceleration = _integrate(motion.rate, motion.angular_acceleration, jerk.angular, duration_s)
+    moved, velocity, acceleration = _polynomial_step(motion.velocity, motion.acceleration, jerk.linear, duration_s)
+    turned, rate, angular_acceleration = _polynomial_step(
+        motion.rate, motion.angular_acceleration, jerk.angular, duration_s
+    )
     x, y, z = motion.position
     return RigidMotion(
         (x + moved[0], y + moved[1], z + moved[2]),
         velocity,
         acceleration,
-        normalised(multiply(from_vector(turned), motion.orientation)),
+        normalised(multiply(from_rotation_vector(turned), motion.orientation)),
         rate,
         angular_acceleration,
     )
 
 
 @compiled
-def _integrate(v: Vector, a: Vector, j: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
+def _polynomial_step(v: Vector, a: Vector, j: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
     half, sixth = 0.5 * dt, dt * dt / 6.0
     ax, ay, az = a
     jx, jy, jz = j
@@ -120,7 +129,7 @@ def orientation_error(goal: Quaternion, orientation: Quaternion, previous: Vecto
     The shortest, except above ``KEEP_AXIS_ANGLE``: there it goes on in the direction of ``previous`` (the error one
     interval ago), even if that is up to 20 degrees longer, lest the direction flip at each interval.
     """
-    turn = to_vector(multiply(goal, conjugate(orientation)))
+    turn = to_rotation_vector(multiply(goal, conjugate(orientation)))
     x, y, z = turn
     angle = sqrt(x * x + y * y + z * z)
     if angle > KEEP_AXIS_ANGLE and x * previous[0] + y * previous[1] + z * previous[2] < 0.0:
@@ -130,7 +139,7 @@ def orientation_error(goal: Quaternion, orientation: Quaternion, previous: Vecto
 
 
 @compiled
-def chase(
+def cascade_jerk(
     error: Vector,
     velocity: Vector,
     acceleration: Vector,
@@ -178,7 +187,7 @@ def _cut(x: float, y: float, z: float, length: float) -> Vector:
 def _within_speed(v: Vector, a: Vector, jerk: Vector, bounds: Bounds, dt: float) -> Vector:
     """``jerk``, or the one that ends the acceleration soonest where ``jerk`` would lead past the speed bound."""
     now = _speed_left(v, a, bounds.jerk, dt)
-    _, v_next, a_next = _integrate(v, a, jerk, dt)
+    _, v_next, a_next = _polynomial_step(v, a, jerk, dt)
     allowed = bounds.speed * bounds.speed
     if _speed_left(v_next, a_next, bounds.jerk, dt) <= allowed or _speed_left(v_next, a_next, bounds.jerk, dt) <= now:
         return jerk
@@ -197,7 +206,7 @@ def _speed_left(v: Vector, a: Vector, jerk: float, dt: float) -> float:
 
 
 @compiled
-def pose_of(motion: RigidMotion) -> Array:
+def pose_matrix(motion: RigidMotion) -> Array:
     """T_sd (4, 4)."""
     pose, rows = np.empty((4, 4)), to_matrix(motion.orientation)
     for i in range(3):
@@ -210,8 +219,8 @@ def pose_of(motion: RigidMotion) -> Array:
 @compiled
 def mean_twist(start: RigidMotion, end: RigidMotion, duration_s: float) -> Array:
     """log(T_start^-1 T_end) / duration: the body twist (v, omega) that leads from one pose to the other."""
-    x, y, z = to_vector(multiply(conjugate(start.orientation), end.orientation))
-    a, b, c = rotate_back(start.orientation, difference(end.position, start.position))
+    x, y, z = to_rotation_vector(multiply(conjugate(start.orientation), end.orientation))
+    a, b, c = rotate_inverse(start.orientation, difference(end.position, start.position))
     # inverse of the left Jacobian of SO(3) by its series, exact to rounding for the turn of one interval
     squared = x * x + y * y + z * z
     k = 1.0 / 12.0 + squared / 720.0 + squared * squared / 30240.0

@@ -11,27 +11,27 @@ import numpy as np
 
 from ik_node.jit import compiled
 from ik_node.math.types import Array
-from ik_node.targets.jerk_limited_filter import Jerk, RigidMotion, move
+from ik_node.targets.jerk_limited_filter import Jerk, RigidMotion, integrate
 
 LONGEST_STEP_S = 0.004
 """A jerk is held no longer than this; longer intervals are cut."""
-NOTHING_PLANNED = np.zeros((1, 7))
+EMPTY_SCHEDULE = np.zeros((1, 7))
 """A plan that lasts no time."""
 
 
 @compiled
-def nothing_planned() -> Array:
-    """:data:`NOTHING_PLANNED`; compiled functions see a global array as one that cannot be written, another type."""
+def no_schedule() -> Array:
+    """:data:`EMPTY_SCHEDULE`; compiled functions see a global array as one that cannot be written, another type."""
     return np.zeros((1, 7))
 
 
 @compiled
-def empty_plan(duration_s: float) -> Array:
+def empty_schedule(duration_s: float) -> Array:
     """Rows for the steps into which ``duration_s`` is cut, their jerks unset."""
     steps = max(1, ceil(duration_s / LONGEST_STEP_S - 1e-9))
-    plan = np.empty((steps, 7))
-    plan[:, 6] = duration_s / steps
-    return plan
+    schedule = np.empty((steps, 7))
+    schedule[:, 6] = duration_s / steps
+    return schedule
 
 
 @compiled
@@ -42,12 +42,12 @@ def write_jerk(row: Array, jerk: Jerk) -> None:
 
 
 @compiled
-def carried_out(motion: RigidMotion, plan: Array, elapsed_s: float) -> tuple[RigidMotion, float]:
-    """``motion`` after as much of ``plan`` as there is time for, and the time left after it."""
-    for row in plan:
+def executed(motion: RigidMotion, schedule: Array, elapsed_s: float) -> tuple[RigidMotion, float]:
+    """``motion`` after as much of ``schedule`` as there is time for, and the time left after it."""
+    for row in schedule:
         if row[6] > 0.0 and elapsed_s > 0.0:
             part_s = min(row[6], elapsed_s)
             jerk = Jerk((row[0], row[1], row[2]), (row[3], row[4], row[5]), part_s)
-            motion = move(motion, jerk, part_s)
+            motion = integrate(motion, jerk, part_s)
             elapsed_s -= part_s
     return motion, elapsed_s

@@ -22,23 +22,32 @@ from ik_node.math.quaternion import (
     ZERO,
     Quaternion,
     Vector,
+    clamp_norm,
     conjugate,
     cross,
-    cut,
     difference,
     from_matrix,
     length,
     multiply,
-    orientation_in,
-    position_in,
+    pose_position,
+    pose_quaternion,
     rotate,
-    to_vector,
+    to_rotation_vector,
 )
 from ik_node.math.types import Array
-from ik_node.settings.groups import JogSettings
-from ik_node.targets.jerk_limited_filter import Jerk, RigidMotion, chase, mean_twist, move, pose_of
-from ik_node.targets.jerk_schedule import NOTHING_PLANNED, carried_out, empty_plan, write_jerk
-from ik_node.targets.transition import OMEGA, Limits, bounds, likely_part, part_of_way, slowed, strengthened, within
+from ik_node.settings.groups import Settings
+from ik_node.targets.bounds import JOG, motion_bounds
+from ik_node.targets.jerk_limited_filter import (
+    Jerk,
+    MotionBounds,
+    RigidMotion,
+    cascade_jerk,
+    integrate,
+    mean_twist,
+    pose_matrix,
+)
+from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, empty_schedule, executed, write_jerk
+from ik_node.targets.transition import OMEGA, expected_time_rate, interpolated, slowed, strengthened, within
 
 LONGEST_GAP_S = 0.25
 """Ticks that were missed for longer than this are not made up for."""
@@ -53,7 +62,7 @@ class TwistFrame(NamedTuple):
     """They move with the tool."""
 
 
-class Wish(NamedTuple):
+class TwistCommand(NamedTuple):
     """The last twist that came."""
 
     velocity: Vector = ZERO
@@ -65,54 +74,57 @@ class Wish(NamedTuple):
     """Until when it counts."""
 
 
-class Drive(NamedTuple):
+class JogState(NamedTuple):
     """What the reference remembers from tick to tick."""
 
     time_ns: int = 0
     motion: RigidMotion = RigidMotion()
-    plan: Array = NOTHING_PLANNED
+    schedule: Array = EMPTY_SCHEDULE
     """As :mod:`ik_node.targets.jerk_schedule` says."""
     lead: Vector = ZERO
     """By how much the reference is ahead of the tool [m], in {s}."""
     lead_turn: Vector = ZERO
     """The same for the orientation [rad]."""
-    pace: float = 1.0
+    time_rate: float = 1.0
 
 
-class Leash(NamedTuple):
+class LeadLimit(NamedTuple):
     """How far the reference may be ahead of the tool."""
 
     distance: float
+    """[m]"""
     angle: float
+    """[rad]"""
+
+
+LEAD_LIMIT = LeadLimit(0.03, 0.15)
 
 
 @dataclass
 class JogSnapshot:
     """Everything that is remembered. Values are immutable, so that a shallow copy is a snapshot."""
 
-    drive: Drive = field(default_factory=Drive)
-    wish: Wish = field(default_factory=Wish)
-    cut: bool = False
+    state: JogState = field(default_factory=JogState)
+    command: TwistCommand = field(default_factory=TwistCommand)
+    clamped: bool = False
     """The twist was cut to the highest speeds."""
-    limits: Limits | None = None
+    limits: MotionBounds | None = None
     """What holds until a reference that was fast at the start has slowed down; None for the usual ones."""
 
 
 class Jog:
     """Twists in, T_sd(t) and V_d(t) out. All times are monotonic nanoseconds."""
 
-    def __init__(self, settings: JogSettings) -> None:
+    def __init__(self, settings: Settings, lead_limit: LeadLimit = LEAD_LIMIT) -> None:
+        """``lead_limit``: how far the reference may be ahead of the tool."""
+        self._lead_limit = lead_limit
         self.configure(settings)
         self._state = JogSnapshot()
 
-    def configure(self, settings: JogSettings) -> None:
+    def configure(self, settings: Settings) -> None:
         """Other settings from now on."""
-        s = self._settings = settings
-        self._limits = Limits(
-            bounds(s.max_linear_speed, s.linear_acceleration, s.linear_jerk),
-            bounds(s.max_angular_speed, s.angular_acceleration, s.angular_jerk),
-        )
-        self._leash = Leash(s.leash_distance, s.leash_angle)
+        self._timeout_ns = round(settings.jog.timeout_s * NS)
+        self._limits = motion_bounds(settings.target, JOG)
 
     def capture(self) -> JogSnapshot:
         """A snapshot, for :meth:`restore`."""
@@ -125,12 +137,12 @@ class Jog:
     def begin(self, reference: RigidMotion, time_ns: int) -> None:
         """From now on; comes to rest from how ``reference`` moves until a twist comes."""
         raised = strengthened(self._limits, reference)
-        self._state = JogSnapshot(Drive(time_ns, within(reference, raised)), limits=raised)
+        self._state = JogSnapshot(JogState(time_ns, within(reference, raised)), limits=raised)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
         """Goes on with the same twist from somewhere else."""
         s = self._state
-        s.drive = Drive(time_ns, reference)
+        s.state = JogState(time_ns, reference)
         s.limits = None
 
     def add(self, twist: Array, frame: TwistFrame, stamped: Stamped) -> None:
@@ -139,21 +151,29 @@ class Jog:
         turn = from_matrix(frame.rotation)
         x, y, z, a, b, c = twist.tolist()
         linear, angular = rotate(turn, (x, y, z)), rotate(turn, (a, b, c))
-        velocity, rate = cut(linear, self._settings.max_linear_speed), cut(angular, self._settings.max_angular_speed)
-        s.cut = velocity != linear or rate != angular
-        until_ns = min(stamped.time_ns, stamped.received_ns) + round(self._settings.timeout_s * NS)
-        s.wish = Wish(velocity, rate, frame.in_tool, until_ns)
+        velocity, rate = clamp_norm(linear, self._limits.linear.speed), clamp_norm(angular, self._limits.angular.speed)
+        s.clamped = velocity != linear or rate != angular
+        until_ns = min(stamped.time_ns, stamped.received_ns) + self._timeout_ns
+        s.command = TwistCommand(velocity, rate, frame.in_tool, until_ns)
 
-    def advance(self, time_ns: int, hold_s: float, pace: float = 1.0, pose_sb: Array | None = None) -> Motion:
+    def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
         """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
 
-        ``pace``: the part of the last twist that the arm did; the reference goes no further. ``pose_sb``: where the
+        ``time_rate``: the part of the last twist that the arm did; the reference goes no further. ``pose_sb``: where the
         tool is; the reference runs no further ahead of it than the leash.
         """
         s = self._state
         tool_sb = NO_POSE if pose_sb is None else np.ascontiguousarray(pose_sb)
-        s.drive, motion, is_slow = _driven(
-            s.drive, s.wish, s.limits or self._limits, self._limits, self._leash, time_ns, hold_s, pace, tool_sb
+        s.state, motion, is_slow = _advanced(
+            s.state,
+            s.command,
+            s.limits or self._limits,
+            self._limits,
+            self._lead_limit,
+            time_ns,
+            hold_s,
+            time_rate,
+            tool_sb,
         )
         if is_slow:
             s.limits = None
@@ -162,97 +182,111 @@ class Jog:
     @property
     def ended(self) -> bool:
         """No twist counts any more."""
-        return self._state.drive.time_ns >= self._state.wish.until_ns
+        return self._state.state.time_ns >= self._state.command.until_ns
 
     @property
-    def cut(self) -> bool:
+    def clamped(self) -> bool:
         """The last twist was cut to the highest speeds."""
-        return self._state.cut and not self.ended
+        return self._state.clamped and not self.ended
 
     @property
-    def leashed(self) -> bool:
+    def lead_limited(self) -> bool:
         """The tool does not follow, and the reference waits for it."""
-        drive, leash = self._state.drive, self._leash
-        far = length(drive.lead) > leash.distance or length(drive.lead_turn) > leash.angle
+        state, lead_limit = self._state.state, self._lead_limit
+        far = length(state.lead) > lead_limit.distance or length(state.lead_turn) > lead_limit.angle
         return far and not self.ended
 
     def motion(self) -> RigidMotion:
         """The reference now, as the arm follows it."""
-        return slowed(self._state.drive.motion, self._state.drive.pace, 0.0)
+        return slowed(self._state.state.motion, self._state.state.time_rate, 0.0)
 
 
 @compiled
-def _driven(
-    before: Drive,
-    wish: Wish,
-    limits: Limits,
-    usual: Limits,
-    leash: Leash,
+def _advanced(
+    before: JogState,
+    command: TwistCommand,
+    limits: MotionBounds,
+    default_limits: MotionBounds,
+    lead_limit: LeadLimit,
     time_ns: int,
     hold_s: float,
-    pace: float,
+    time_rate: float,
     pose_sb: Array,
-) -> tuple[Drive, Motion, bool]:
-    """The drive at ``time_ns`` with its motion from then on; and whether the ``usual`` limits can take over.
+) -> tuple[JogState, Motion, bool]:
+    """The drive at ``time_ns`` with its motion from then on; and whether the ``default_limits`` limits can take over.
 
     ``pose_sb`` full of NaN: the lead stays what it was.
     """
-    now = _caught_up(before, wish, limits, leash, time_ns, pace)
+    now = _caught_up(before, command, limits, lead_limit, time_ns, time_rate)
     motion, lead, lead_turn = now.motion, now.lead, now.lead_turn
-    is_slow = _is_slow(motion, usual)
+    is_slow = _is_slow(motion, default_limits)
     if not np.isnan(pose_sb[3, 3]):
-        lead = difference(motion.position, position_in(pose_sb))
-        lead_turn = to_vector(multiply(motion.orientation, conjugate(orientation_in(pose_sb))))
-    now = Drive(now.time_ns, motion, now.plan, lead, lead_turn, pace)
-    then, plan = _ahead(now, wish, usual if is_slow else limits, leash, hold_s)
-    part = likely_part(pace)
-    twist_d = mean_twist(motion, part_of_way(motion, then, part), part * hold_s)
-    return Drive(now.time_ns, motion, plan, lead, lead_turn, pace), Motion(pose_of(motion), twist_d), is_slow
+        lead = difference(motion.position, pose_position(pose_sb))
+        lead_turn = to_rotation_vector(multiply(motion.orientation, conjugate(pose_quaternion(pose_sb))))
+    now = JogState(now.time_ns, motion, now.schedule, lead, lead_turn, time_rate)
+    then, schedule = _ahead(now, command, default_limits if is_slow else limits, lead_limit, hold_s)
+    part = expected_time_rate(time_rate)
+    twist_d = mean_twist(motion, interpolated(motion, then, part), part * hold_s)
+    return (
+        JogState(now.time_ns, motion, schedule, lead, lead_turn, time_rate),
+        Motion(pose_matrix(motion), twist_d),
+        is_slow,
+    )
 
 
 @compiled
-def _caught_up(before: Drive, wish: Wish, limits: Limits, leash: Leash, time_ns: int, pace: float) -> Drive:
-    """At ``time_ns``: as planned first, and on from there; only the part ``pace`` of the way."""
+def _caught_up(
+    before: JogState, command: TwistCommand, limits: MotionBounds, lead_limit: LeadLimit, time_ns: int, time_rate: float
+) -> JogState:
+    """At ``time_ns``: as planned first, and on from there; only the part ``time_rate`` of the way."""
     if time_ns <= before.time_ns:
         return before
     elapsed_s = min((time_ns - before.time_ns) / NS, LONGEST_GAP_S)
-    motion, left_s = carried_out(before.motion, before.plan, elapsed_s)
-    now = Drive(time_ns, motion, before.plan, before.lead, before.lead_turn, before.pace)
+    motion, left_s = executed(before.motion, before.schedule, elapsed_s)
+    now = JogState(time_ns, motion, before.schedule, before.lead, before.lead_turn, before.time_rate)
     if left_s > 1e-9:
-        motion, _ = _ahead(now, wish, limits, leash, left_s)
-    if pace < 1.0:
-        motion = part_of_way(before.motion, motion, pace)
-    return Drive(time_ns, motion, before.plan, before.lead, before.lead_turn, before.pace)
+        motion, _ = _ahead(now, command, limits, lead_limit, left_s)
+    if time_rate < 1.0:
+        motion = interpolated(before.motion, motion, time_rate)
+    return JogState(time_ns, motion, before.schedule, before.lead, before.lead_turn, before.time_rate)
 
 
 @compiled
-def _ahead(now: Drive, wish: Wish, limits: Limits, leash: Leash, duration_s: float) -> tuple[RigidMotion, Array]:
+def _ahead(
+    now: JogState, command: TwistCommand, limits: MotionBounds, lead_limit: LeadLimit, duration_s: float
+) -> tuple[RigidMotion, Array]:
     """Where the cascade leads in ``duration_s``, and by which plan."""
-    motion, plan = now.motion, empty_plan(duration_s)
-    for row in plan:
+    motion, schedule = now.motion, empty_schedule(duration_s)
+    for row in schedule:
         step_s = row[6]
-        velocity, rate, change = _wanted(now, wish, leash, motion.orientation)
-        linear = chase(ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s)
-        angular = chase(ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s)
+        velocity, rate, change = _commanded(now, command, lead_limit, motion.orientation)
+        linear = cascade_jerk(
+            ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s
+        )
+        angular = cascade_jerk(
+            ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s
+        )
         jerk = Jerk(linear, angular, step_s)
         write_jerk(row, jerk)
-        motion = move(motion, jerk, step_s)
-    return motion, plan
+        motion = integrate(motion, jerk, step_s)
+    return motion, schedule
 
 
 @compiled
-def _wanted(now: Drive, wish: Wish, leash: Leash, orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
+def _commanded(
+    now: JogState, command: TwistCommand, lead_limit: LeadLimit, orientation: Quaternion
+) -> tuple[Vector, Vector, Vector]:
     """Velocity, angular velocity and the velocity's change that is due to the tool's turning, in {s}."""
-    if now.time_ns >= wish.until_ns:
+    if now.time_ns >= command.until_ns:
         return ZERO, ZERO, ZERO
-    turn = orientation if wish.in_tool else IDENTITY
-    velocity = _leashed(rotate(turn, wish.velocity), now.lead, leash.distance)
-    rate = _leashed(rotate(turn, wish.rate), now.lead_turn, leash.angle)
-    return velocity, rate, cross(rate, velocity) if wish.in_tool else ZERO
+    turn = orientation if command.in_tool else IDENTITY
+    velocity = _without_excess_lead(rotate(turn, command.velocity), now.lead, lead_limit.distance)
+    rate = _without_excess_lead(rotate(turn, command.rate), now.lead_turn, lead_limit.angle)
+    return velocity, rate, cross(rate, velocity) if command.in_tool else ZERO
 
 
 @compiled
-def _is_slow(motion: RigidMotion, limits: Limits) -> bool:
+def _is_slow(motion: RigidMotion, limits: MotionBounds) -> bool:
     """Whether these limits can take over."""
     linear, angular = limits
     return (
@@ -264,14 +298,14 @@ def _is_slow(motion: RigidMotion, limits: Limits) -> bool:
 
 
 @compiled
-def _leashed(velocity: Vector, lead: Vector, leash: float) -> Vector:
+def _without_excess_lead(velocity: Vector, lead: Vector, lead_limit: float) -> Vector:
     """``velocity`` without what would lead further away: all of it at twice the leash, nothing up to once."""
     size = length(lead)
-    if size <= leash:
+    if size <= lead_limit:
         return velocity
     x, y, z = lead
     away = (velocity[0] * x + velocity[1] * y + velocity[2] * z) / size
     if away <= 0.0:
         return velocity
-    factor = min(size / leash - 1.0, 1.0) * away / size
+    factor = min(size / lead_limit - 1.0, 1.0) * away / size
     return (velocity[0] - factor * x, velocity[1] - factor * y, velocity[2] - factor * z)

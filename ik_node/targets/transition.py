@@ -24,21 +24,30 @@ from ik_node.math.quaternion import (
     ZERO,
     Vector,
     add,
+    clamp_norm,
     conjugate,
     cross,
-    cut,
     difference,
-    from_vector,
+    from_rotation_vector,
     length,
     multiply,
     normalised,
     rotate,
     scaled,
-    to_vector,
+    to_rotation_vector,
 )
 from ik_node.math.types import Array
-from ik_node.targets.jerk_limited_filter import Bounds, Jerk, RigidMotion, chase, move, orientation_error
-from ik_node.targets.jerk_schedule import NOTHING_PLANNED, carried_out, empty_plan, nothing_planned, write_jerk
+from ik_node.targets.bounds import bounds_from_rest
+from ik_node.targets.jerk_limited_filter import (
+    Bounds,
+    Jerk,
+    MotionBounds,
+    RigidMotion,
+    cascade_jerk,
+    integrate,
+    orientation_error,
+)
+from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, empty_schedule, executed, no_schedule, write_jerk
 from ik_node.targets.stream.extrapolation import resting
 
 OMEGA = 20.0
@@ -47,46 +56,36 @@ BRAKING_S = 0.15
 """The acceleration bound is raised, jerk with it, until it ends the velocity in this time ..."""
 STRONGEST = 5.0
 """... but not to more than so many times itself."""
-LEAST_PART = 0.02
+MIN_TIME_RATE = 0.02
 """A reference that is held up looks at least this part of an interval ahead."""
 GONE = 1e-10
 """An offset whose every number is below this [m, rad, and per s and s2 times 1 / OMEGA] is none."""
 
 
-class Limits(NamedTuple):
-    """Bounds of an offset's two halves."""
-
-    linear: Bounds
-    angular: Bounds
-
-
-def bounds(speed: float, acceleration: float, jerk: float) -> Bounds:
-    """Bounds of one half, with all of its speed for the way to zero."""
-    return Bounds(speed, acceleration, jerk, speed)
-
-
-class Offset(NamedTuple):
+class Transition(NamedTuple):
     """Where the reference is, seen from the motion; plain data."""
 
     motion: RigidMotion
     """d and E with their derivatives, all in {s}."""
-    limits: Limits
+    limits: MotionBounds
     turn: Vector = ZERO
     """Last error of orientation [rad]."""
-    plan: Array = NOTHING_PLANNED
+    schedule: Array = EMPTY_SCHEDULE
     """As :mod:`ik_node.targets.jerk_schedule` says."""
 
 
-NO_OFFSET = Offset(RigidMotion(), Limits(bounds(1.0, 1.0, 1.0), bounds(1.0, 1.0, 1.0)))
+NO_TRANSITION = Transition(
+    RigidMotion(), MotionBounds(bounds_from_rest(1.0, 1.0, 1.0), bounds_from_rest(1.0, 1.0, 1.0))
+)
 """Stands in for one in compiled functions."""
 
 
-def between(reference: RigidMotion, motion: RigidMotion, limits: Limits) -> Offset:
+def start_transition(reference: RigidMotion, motion: RigidMotion, limits: MotionBounds) -> Transition:
     """The offset of ``reference`` from ``motion``, with its derivatives, to be led to zero within ``limits``."""
     turn = normalised(multiply(reference.orientation, conjugate(motion.orientation)))
     rate = rotate(turn, motion.rate)
     change = add(rotate(turn, motion.angular_acceleration), cross(difference(reference.rate, rate), rate))
-    offset = RigidMotion(
+    transition = RigidMotion(
         difference(reference.position, motion.position),
         difference(reference.velocity, motion.velocity),
         difference(reference.acceleration, motion.acceleration),
@@ -94,13 +93,13 @@ def between(reference: RigidMotion, motion: RigidMotion, limits: Limits) -> Offs
         difference(reference.rate, rate),
         difference(reference.angular_acceleration, change),
     )
-    raised = strengthened(limits, offset)
-    return Offset(within(offset, raised), raised)
+    raised = strengthened(limits, transition)
+    return Transition(within(transition, raised), raised)
 
 
-def strengthened(limits: Limits, motion: RigidMotion) -> Limits:
+def strengthened(limits: MotionBounds, motion: RigidMotion) -> MotionBounds:
     """``limits`` with the acceleration that it takes to bring ``motion`` to rest soon."""
-    return Limits(_stronger(limits.linear, motion.velocity), _stronger(limits.angular, motion.rate))
+    return MotionBounds(_stronger(limits.linear, motion.velocity), _stronger(limits.angular, motion.rate))
 
 
 def _stronger(usual: Bounds, velocity: Vector) -> Bounds:
@@ -108,23 +107,23 @@ def _stronger(usual: Bounds, velocity: Vector) -> Bounds:
     return usual._replace(acceleration=usual.acceleration * factor, jerk=usual.jerk * factor)
 
 
-def within(motion: RigidMotion, limits: Limits) -> RigidMotion:
+def within(motion: RigidMotion, limits: MotionBounds) -> RigidMotion:
     """``motion`` with its accelerations cut to ``limits``."""
     return RigidMotion(
         motion.position,
         motion.velocity,
-        cut(motion.acceleration, limits.linear.acceleration),
+        clamp_norm(motion.acceleration, limits.linear.acceleration),
         motion.orientation,
         motion.rate,
-        cut(motion.angular_acceleration, limits.angular.acceleration),
+        clamp_norm(motion.angular_acceleration, limits.angular.acceleration),
     )
 
 
-def composed(motion: RigidMotion, offset: Offset | None) -> RigidMotion:
-    """The reference at an offset from ``motion``: the opposite of :func:`between`."""
-    if offset is None:
+def composed(motion: RigidMotion, transition: Transition | None) -> RigidMotion:
+    """The reference at an offset from ``motion``: the opposite of :func:`start_transition`."""
+    if transition is None:
         return motion
-    d = offset.motion
+    d = transition.motion
     rate = rotate(d.orientation, motion.rate)
     change = add(rotate(d.orientation, motion.angular_acceleration), cross(d.rate, rate))
     return RigidMotion(
@@ -144,39 +143,39 @@ def placed(motion: RigidMotion, d: RigidMotion) -> RigidMotion:
     return resting(add(motion.position, d.position), turned)
 
 
-def advanced(offset: Offset, elapsed_s: float, pace: float) -> Offset | None:
+def advanced(transition: Transition, elapsed_s: float, time_rate: float) -> Transition | None:
     """The offset ``elapsed_s`` later: as planned first, and on from there; None when it has become nothing.
 
-    Only the part ``pace`` of its way is gone, as the arm does.
+    Only the part ``time_rate`` of its way is gone, as the arm does.
     """
     if elapsed_s <= 0.0:
-        return offset
-    later, is_gone = _advanced(offset, elapsed_s, pace)
+        return transition
+    later, is_gone = _advanced(transition, elapsed_s, time_rate)
     return None if is_gone else later
 
 
 @compiled
-def _advanced(offset: Offset, elapsed_s: float, pace: float) -> tuple[Offset, bool]:
-    turn = offset.turn
-    motion, left_s = carried_out(offset.motion, offset.plan, elapsed_s)
+def _advanced(transition: Transition, elapsed_s: float, time_rate: float) -> tuple[Transition, bool]:
+    turn = transition.turn
+    motion, left_s = executed(transition.motion, transition.schedule, elapsed_s)
     if left_s > 1e-9:
-        motion, turn, _ = _ahead(motion, turn, left_s, offset.limits)
-    if pace < 1.0:
-        motion = part_of_way(offset.motion, motion, pace)
-    return Offset(motion, offset.limits, turn, nothing_planned()), _is_gone(motion)
+        motion, turn, _ = _ahead(motion, turn, left_s, transition.limits)
+    if time_rate < 1.0:
+        motion = interpolated(transition.motion, motion, time_rate)
+    return Transition(motion, transition.limits, turn, no_schedule()), _is_gone(motion)
 
 
 @compiled
-def planned(offset: Offset, hold_s: float) -> tuple[Offset, RigidMotion]:
+def planned(transition: Transition, hold_s: float) -> tuple[Transition, RigidMotion]:
     """With the plan for the ``hold_s`` to come; and where it then will be."""
-    motion, turn, plan = _ahead(offset.motion, offset.turn, hold_s, offset.limits)
-    return Offset(offset.motion, offset.limits, turn, plan), motion
+    motion, turn, schedule = _ahead(transition.motion, transition.turn, hold_s, transition.limits)
+    return Transition(transition.motion, transition.limits, turn, schedule), motion
 
 
-def is_near(offset: Offset, distance_m: float, angle_rad: float) -> bool:
+def is_near(transition: Transition, distance_m: float, angle_rad: float) -> bool:
     """Whether the offset is no larger than that."""
-    d = offset.motion
-    return length(d.position) <= distance_m and length(to_vector(d.orientation)) <= angle_rad
+    d = transition.motion
+    return length(d.position) <= distance_m and length(to_rotation_vector(d.orientation)) <= angle_rad
 
 
 @compiled
@@ -194,40 +193,44 @@ def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
 
 
 @compiled
-def likely_part(pace: float) -> float:
+def expected_time_rate(time_rate: float) -> float:
     """The part of the next twist that the arm is likely to do, from the last one's; never nothing, so that a twist has
     a direction."""
-    return min(max(pace, LEAST_PART), 1.0)
+    return min(max(time_rate, MIN_TIME_RATE), 1.0)
 
 
 @compiled
-def part_of_way(before: RigidMotion, after: RigidMotion, part: float) -> RigidMotion:
+def interpolated(before: RigidMotion, after: RigidMotion, part: float) -> RigidMotion:
     """``after``, with only ``part`` of the way from ``before`` to it gone."""
     way = scaled(difference(after.position, before.position), part)
-    turn = scaled(to_vector(multiply(after.orientation, conjugate(before.orientation))), part)
+    turn = scaled(to_rotation_vector(multiply(after.orientation, conjugate(before.orientation))), part)
     return RigidMotion(
         add(before.position, way),
         after.velocity,
         after.acceleration,
-        normalised(multiply(from_vector(turn), before.orientation)),
+        normalised(multiply(from_rotation_vector(turn), before.orientation)),
         after.rate,
         after.angular_acceleration,
     )
 
 
 @compiled
-def _ahead(motion: RigidMotion, turn: Vector, duration_s: float, limits: Limits) -> tuple[RigidMotion, Vector, Array]:
+def _ahead(
+    motion: RigidMotion, turn: Vector, duration_s: float, limits: MotionBounds
+) -> tuple[RigidMotion, Vector, Array]:
     """Where the cascade leads in ``duration_s``, its last error of orientation, and by which plan."""
-    plan = empty_plan(duration_s)
-    for row in plan:
+    schedule = empty_schedule(duration_s)
+    for row in schedule:
         step_s, way = row[6], scaled(motion.position, -1.0)
         turn = orientation_error(IDENTITY, motion.orientation, turn)
-        linear = chase(way, motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA, limits.linear, step_s)
-        angular = chase(turn, motion.rate, motion.angular_acceleration, ZERO, ZERO, OMEGA, limits.angular, step_s)
+        linear = cascade_jerk(way, motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA, limits.linear, step_s)
+        angular = cascade_jerk(
+            turn, motion.rate, motion.angular_acceleration, ZERO, ZERO, OMEGA, limits.angular, step_s
+        )
         jerk = Jerk(linear, angular, step_s)
         write_jerk(row, jerk)
-        motion = move(motion, jerk, step_s)
-    return motion, turn, plan
+        motion = integrate(motion, jerk, step_s)
+    return motion, turn, schedule
 
 
 @compiled

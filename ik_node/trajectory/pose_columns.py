@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ik_node.errors import TrajectoryFileError
 from ik_node.trajectory.pose_file_format import TIME_UNITS
-from ik_node.trajectory.pose_table import Table
+from ik_node.trajectory.pose_table import PoseTable
 
 POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation")
 """What stands before x, y, z in names of a position."""
@@ -23,7 +23,7 @@ LAYOUTS: dict[int, tuple[bool, int, int]] = {2: (False, 2, 0), 3: (False, 3, 0),
 """Columns without names: whether the first is the time, how many make the position, how many the quaternion."""
 
 
-class Columns(NamedTuple):
+class PoseColumns(NamedTuple):
     """The columns of a pose; empty where the file has none."""
 
     position: tuple[str, ...] = ()
@@ -34,7 +34,7 @@ class Columns(NamedTuple):
     time_unit: str = ""
 
 
-def detect(table: Table, prefix: str = "") -> Columns:
+def detect(table: PoseTable, prefix: str = "") -> PoseColumns:
     """The columns of the pose whose names begin with ``prefix``.
 
     Raises TrajectoryFileError when there is none, or when several are there and none is plainly the goal.
@@ -57,17 +57,17 @@ def detect(table: Table, prefix: str = "") -> Columns:
         candidates = goals
     root, position = next(iter(candidates.items()))
     quaternion, order = _quaternion(table.names, root)
-    return Columns(position, quaternion, order, time, unit)
+    return PoseColumns(position, quaternion, order, time, unit)
 
 
-def quaternion_beside(table: Table, position: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+def quaternion_beside(table: PoseTable, position: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
     """Columns and order of the quaternion whose names belong to those of ``position``; empty when there is none."""
     if not table.named or not position or position[0] not in table.names:
         return (), ""
     return _quaternion(table.names, _root(position[0][:-1]))
 
 
-def named_time(table: Table) -> tuple[str, str]:
+def named_time(table: PoseTable) -> tuple[str, str]:
     """Name and unit of the column of time; empty when no name tells."""
     return _time(table.names) if table.named else ("", "")
 
@@ -78,14 +78,16 @@ def time_unit(name: str) -> str:
     return last if last in TIME_UNITS and last != name.lower() else ""
 
 
-def _by_count(table: Table) -> Columns:
+def _by_count(table: PoseTable) -> PoseColumns:
     if len(table.names) not in LAYOUTS:
         raise TrajectoryFileError(
             f"{table.path.name} has {len(table.names)} columns without names; say which are the position (0, 1, 2, ...)"
         )
     timed, position, quaternion = LAYOUTS[len(table.names)]
     names = table.names[1:] if timed else table.names
-    return Columns(names[:position], names[position : position + quaternion], "", table.names[0] if timed else "", "")
+    return PoseColumns(
+        names[:position], names[position : position + quaternion], "", table.names[0] if timed else "", ""
+    )
 
 
 def _positions(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

@@ -16,7 +16,7 @@ COMMENT = ("#", "%")
 
 
 @dataclass(frozen=True)
-class Table:
+class PoseTable:
     """The columns of one file. Text turns into numbers when a column is asked for, so unused ones may hold anything."""
 
     path: Path
@@ -66,7 +66,7 @@ class Table:
             raise TrajectoryFileError(f"{self.path.name}: {where} holds '{text}', not a number") from error
 
 
-def read_table(path: Path, demo: int = 0) -> Table:
+def read_table(path: Path, demo: int = 0) -> PoseTable:
     """Reads an NPY file (samples, columns) or (demonstrations, samples, columns), else text.
 
     Text: separated by commas, semicolons, tabs or blanks; lines that begin with # or % are comments; the names are the
@@ -84,7 +84,7 @@ def read_table(path: Path, demo: int = 0) -> Table:
     return _read_text(path, text)
 
 
-def _read_npy(path: Path, demo: int) -> Table:
+def _read_npy(path: Path, demo: int) -> PoseTable:
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
@@ -99,10 +99,10 @@ def _read_npy(path: Path, demo: int) -> Table:
         raise TrajectoryFileError(f"{path.name} holds {count} demonstrations; demo is {demo}, valid: 0 to {count - 1}")
     rows = array[demo] if array.ndim == 3 else array
     note = f"demonstration {demo} of {count}" if array.ndim == 3 else ""
-    return Table(path, _numbered(rows.shape[1]), rows, False, note)
+    return PoseTable(path, _numbered(rows.shape[1]), rows, False, note)
 
 
-def _read_text(path: Path, text: str) -> Table:
+def _read_text(path: Path, text: str) -> PoseTable:
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     comments = [line.lstrip("".join(COMMENT)).strip() for line in lines if line.startswith(COMMENT)]
     content = [line for line in lines if not line.startswith(COMMENT)]
@@ -122,7 +122,7 @@ def _read_text(path: Path, text: str) -> Table:
     elif len(header) != width:
         raise TrajectoryFileError(f"{path.name}: the header names {len(header)} columns, the rows have {width}")
     names = _numbered(width) if header is None else header
-    return Table(path, names, tuple(rows), header is not None)
+    return PoseTable(path, names, tuple(rows), header is not None)
 
 
 def _split(lines: list[str], delimiter: str) -> list[tuple[str, ...]]:

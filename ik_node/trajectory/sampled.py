@@ -14,7 +14,7 @@ from ik_node.math.numerics import smoothstep
 from ik_node.math.types import Array
 
 
-class Sample(NamedTuple):
+class TimedPose(NamedTuple):
     """One recorded pose."""
 
     time_s: float
@@ -81,9 +81,9 @@ class SampledTrajectory:
         """Time of the last sample, s."""
         return self._knots[-1]
 
-    def samples(self) -> tuple[Sample, ...]:
+    def samples(self) -> tuple[TimedPose, ...]:
         """Every sample as it was given, repeated ones too."""
-        return tuple(Sample(time, pose.copy()) for time, pose in zip(self._times.tolist(), self._poses, strict=True))
+        return tuple(TimedPose(time, pose.copy()) for time, pose in zip(self._times.tolist(), self._poses, strict=True))
 
     def pose(self, time_s: float) -> Array:
         """T_sd(t), (4, 4); held at its ends outside 0..duration_s."""

@@ -19,7 +19,7 @@ from ik_node.interfaces.motion import Trajectory
 from ik_node.math import se3
 from ik_node.math.types import Array
 
-Curve = Callable[[float], tuple[tuple[float, float, float], tuple[float, float, float]]]
+PhaseCurve = Callable[[float], tuple[tuple[float, float, float], tuple[float, float, float]]]
 """Phase in rad -> displacement in {s} [m], rotation vector in the start pose's frame [rad]; both 0 at phase 0."""
 
 PEAK_SPEED = 35.0 / 16.0
@@ -78,7 +78,7 @@ class CurveTrajectory:
 
     start_pose: Array
     """T_sd at the start, (4, 4)."""
-    curve: Curve
+    curve: PhaseCurve
     timing: Cruise
 
     @property
@@ -96,7 +96,7 @@ class CurveTrajectory:
 
 
 @dataclass(frozen=True)
-class Line:
+class StraightLine:
     """A straight line with the shortest turn, by :func:`rest_to_rest`."""
 
     from_pose: Array
@@ -209,7 +209,7 @@ def straight_line(
         math.sqrt(PEAK_ACCELERATION * distance / linear_acceleration),
         math.sqrt(PEAK_ACCELERATION * angle / angular_acceleration),
     )
-    return Line(start, end, duration_s)
+    return StraightLine(start, end, duration_s)
 
 
 def hold(pose: Array, duration_s: float = 5.0) -> Trajectory:
@@ -217,7 +217,7 @@ def hold(pose: Array, duration_s: float = 5.0) -> Trajectory:
     if not (math.isfinite(duration_s) and duration_s >= 0.0):
         raise InputError(f"duration_s is {duration_s}; expected 0 or more")
     checked = se3.checked_pose(pose)
-    return Line(checked, checked, duration_s)
+    return StraightLine(checked, checked, duration_s)
 
 
 def there_and_back(start_pose: Array, distance: float = 0.2, turn: float = 0.4) -> Trajectory:
@@ -251,7 +251,7 @@ SHAPES: Mapping[str, Callable[[Array], Trajectory]] = {
 """Name -> trajectory from a start pose; what a command line offers. The first is the usual demonstration."""
 
 
-def _curve(start_pose: Array, curve: Curve, period_s: float, turns: int, ramp_s: float) -> Trajectory:
+def _curve(start_pose: Array, curve: PhaseCurve, period_s: float, turns: int, ramp_s: float) -> Trajectory:
     if turns < 1:
         raise InputError(f"turns is {turns}; expected 1 or more")
     _positive("period_s", period_s)

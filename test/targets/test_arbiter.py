@@ -18,7 +18,7 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.json_codec import from_json, to_json
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import Source, Targets, TargetsSnapshot
+from ik_node.targets.arbiter import ArbiterSnapshot, TargetArbiter, TargetSource
 from ik_node.targets.jog import TwistFrame
 
 TICK_NS = 2_000_000
@@ -37,10 +37,10 @@ class Run:
     """Targets, ticked at 500 Hz from 1 s on; ROS time is ``ROS_NS`` more."""
 
     def __init__(self, settings: Settings | None = None) -> None:
-        self.targets = Targets(settings or Settings())
+        self.targets = TargetArbiter(settings or Settings())
         self.time_ns = NS
         self.targets.start(START, self.time_ns)
-        self.pace = 1.0
+        self.time_rate = 1.0
         self.poses: list[Array] = []
         self.twists: list[Array] = []
 
@@ -49,7 +49,7 @@ class Run:
         return Instant(self.time_ns, ROS_NS + self.time_ns)
 
     def tick(self) -> None:
-        motion = self.targets.advance(self.time_ns, TICK_S, self.pace)
+        motion = self.targets.advance(self.time_ns, TICK_S, self.time_rate)
         self.poses.append(motion.pose_sd)
         self.twists.append(motion.twist_d)
         self.time_ns += TICK_NS
@@ -111,7 +111,7 @@ def in_base(pose: Array, twist_d: Array) -> Array:
 def test_at_first_nobody_is_in_command() -> None:
     run = Run().go(0.2)
     targets = run.targets
-    assert targets.source is Source.NONE
+    assert targets.source is TargetSource.NONE
     assert targets.ended
     assert targets.reason == "no target yet"
     assert targets.goal_sd is None
@@ -124,20 +124,20 @@ def test_the_latest_that_asks_for_something_is_in_command() -> None:
     run = Run()
     targets = run.targets
     for send, source, reason in (
-        (run.pose, Source.POSE, "following target_pose"),
-        (run.path, Source.PATH, "going to target_path"),
-        (run.twist, Source.TWIST, "jogging by target_twist"),
-        (run.path, Source.PATH, "going to target_path"),
-        (run.trajectory, Source.TRAJECTORY, "going to target_trajectory"),
-        (run.pose, Source.POSE, "following target_pose"),
-        (run.twist, Source.TWIST, "jogging by target_twist"),
-        (run.pose, Source.POSE, "following target_pose"),
+        (run.pose, TargetSource.POSE, "following target_pose"),
+        (run.path, TargetSource.PATH, "going to target_path"),
+        (run.twist, TargetSource.TWIST, "jogging by target_twist"),
+        (run.path, TargetSource.PATH, "going to target_path"),
+        (run.trajectory, TargetSource.TRAJECTORY, "going to target_trajectory"),
+        (run.pose, TargetSource.POSE, "following target_pose"),
+        (run.twist, TargetSource.TWIST, "jogging by target_twist"),
+        (run.pose, TargetSource.POSE, "following target_pose"),
     ):
         send()
-        run.go(0.2, send if source in (Source.POSE, Source.TWIST) else None)
+        run.go(0.2, send if source in (TargetSource.POSE, TargetSource.TWIST) else None)
         assert targets.source is source
         assert not targets.ended
-        if source in (Source.PATH, Source.TRAJECTORY):
+        if source in (TargetSource.PATH, TargetSource.TRAJECTORY):
             assert targets.reason in (reason, f"following {source.value}")
         else:
             assert targets.reason == reason
@@ -258,14 +258,14 @@ def test_whatever_comes_the_reference_does_not_jump(seed: int) -> None:
 def test_two_inputs_at_once_are_noticed() -> None:
     run = Run()
     run.go(0.5, run.pose)
-    assert run.targets.remarks == ()
+    assert run.targets.warnings == ()
     for _ in range(5):
         run.pose()
         run.twist()
         run.go(0.1)
-    assert "target_pose and target_twist take command from each other" in run.targets.remarks
+    assert "target_pose and target_twist take command from each other" in run.targets.warnings
     run.go(3.0, run.pose)
-    assert run.targets.remarks == ()
+    assert run.targets.warnings == ()
 
 
 def test_what_is_refused_changes_nothing() -> None:
@@ -286,7 +286,7 @@ def test_what_is_refused_changes_nothing() -> None:
     for each in (run, other):
         each.go(0.3, each.pose)
     assert np.array_equal(run.poses, other.poses)
-    assert run.targets.source is Source.POSE
+    assert run.targets.source is TargetSource.POSE
 
 
 def test_progress_and_goal_of_a_path() -> None:
@@ -307,21 +307,21 @@ def test_stamps_in_the_past_are_remarked() -> None:
     run = Run()
     run.path(begin_s=-100.0)
     run.go(0.1)
-    assert run.targets.remarks == ("stamps of target_path are in the past altogether; it began on arrival",)
+    assert run.targets.warnings == ("stamps of target_path are in the past altogether; it began on arrival",)
     assert run.targets.reason == "following target_path"
 
 
 def test_stamps_from_another_clock_are_remarked() -> None:
     run = Run()
-    for stamp_ns, remarks in (
+    for stamp_ns, warnings in (
         (run.now.ros_ns - 3600 * NS, ("stamps of target_twist disagree with this clock; arrival counts",)),
         (run.now.ros_ns, ()),
     ):
         run.targets.on_twist(TwistSample(stamp_ns, "base", np.array([0.1, 0, 0, 0, 0, 0])), BASE, run.now)
         run.tick()
-        assert run.targets.remarks == remarks
+        assert run.targets.warnings == warnings
     run.path(begin_s=-ROS_NS / NS)
-    assert run.targets.remarks == (), "stamps that count from 0 are times from the start"
+    assert run.targets.warnings == (), "stamps that count from 0 are times from the start"
 
 
 @pytest.mark.parametrize("name", SENDERS)
@@ -331,12 +331,12 @@ def test_after_standing_still_it_goes_on_from_where_the_arm_is(name: str) -> Non
     each = (lambda: send(run)) if name in ("pose", "twist") else None
     send(run)
     run.go(0.5, each)
-    run.pace = 0.0
+    run.time_rate = 0.0
     run.go(0.5, each)
     arm = run.poses[-1].copy()
     arm[:3, 3] += (0.01, -0.005, 0.0)
     run.targets.rest_at(arm, run.time_ns)
-    run.pace = 1.0
+    run.time_rate = 1.0
     run.tick()
     assert np.abs(run.poses[-1] - arm).max() < 1e-9
     assert np.abs(run.twists[-1]).max() < 0.01, "from rest"
@@ -352,7 +352,7 @@ def test_after_standing_still_it_goes_on_from_where_the_arm_is(name: str) -> Non
 def script(run: Run, begin: int, end: int) -> None:
     """A busy time, by tick."""
     for tick in range(begin, end):
-        run.pace = 0.3 if tick % 97 > 80 else 1.0
+        run.time_rate = 0.3 if tick % 97 > 80 else 1.0
         if tick % 25 == 0 and tick % 900 < 300:
             run.pose()
         if tick in (310, 1330, 2200):
@@ -371,7 +371,7 @@ def test_the_same_calls_give_the_same_bits_also_from_a_snapshot_in_between() -> 
     for cut in (150, 350, 600, 750, 1050, 1400, 2250):
         first = Run()
         script(first, 0, cut)
-        snapshot = from_json(to_json(first.targets.capture()), TargetsSnapshot)
+        snapshot = from_json(to_json(first.targets.capture()), ArbiterSnapshot)
         second = Run()
         second.targets.start(np.eye(4), 0)
         second.targets.restore(snapshot)
@@ -379,7 +379,7 @@ def test_the_same_calls_give_the_same_bits_also_from_a_snapshot_in_between() -> 
         script(second, cut, 2600)
         assert np.array_equal(np.array(first.poses + second.poses), np.array(whole.poses))
         assert np.array_equal(np.array(first.twists + second.twists), np.array(whole.twists))
-    assert whole.targets.source is Source.PATH
+    assert whole.targets.source is TargetSource.PATH
 
 
 def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> None:
@@ -395,14 +395,14 @@ def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> N
     )
     runs = []
     for cuts in ((), (5,), (100, 400)):
-        targets = Targets(Settings(), robot)
+        targets = TargetArbiter(Settings(), robot)
         targets.start(start, 0)
         targets.on_path(sample, base_only, Instant(0, ROS_NS), q)
         twists = []
         for tick in range(1000):
             if tick in cuts:
-                snapshot = from_json(to_json(targets.capture()), TargetsSnapshot)
-                targets = Targets(Settings(), robot)
+                snapshot = from_json(to_json(targets.capture()), ArbiterSnapshot)
+                targets = TargetArbiter(Settings(), robot)
                 targets.restore(snapshot)
             twists.append(targets.advance(tick * TICK_NS, TICK_S).twist_d)
             if tick == 5:
@@ -417,7 +417,7 @@ def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> N
 def test_other_settings_count_from_now_on() -> None:
     run = Run()
     run.go(0.5, run.twist)
-    slower = Settings().with_values({"jog.max_linear_speed": 0.01})
+    slower = Settings().with_values({"target.max_speed": (0.04, 2.5)})
     run.targets.configure(slower)
     run.go(0.5, run.twist)
     assert np.linalg.norm(run.twists[-1][:3]) == pytest.approx(0.01, abs=1e-3)

@@ -17,14 +17,16 @@ from ik_node.math.quaternion import from_matrix
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import ControlSettings, JogSettings
+from ik_node.settings.groups import ControlSettings, Settings
 from ik_node.targets.arbiter import twist_frame
+from ik_node.targets.bounds import JOG, motion_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion
-from ik_node.targets.jog import Jog, TwistFrame
+from ik_node.targets.jog import LEAD_LIMIT, Jog, TwistFrame
 
 TICK_NS = 2_000_000
 TICK_S = TICK_NS / NS
-SETTINGS = JogSettings()
+SETTINGS = Settings()
+BOUNDS = motion_bounds(SETTINGS.target, JOG)
 BASE = TwistFrame(np.eye(3), False)
 START = se3.exp(np.array([0.4, 0.1, 0.5, 0.3, -0.8, 0.4]))
 
@@ -41,14 +43,14 @@ class Run:
         self.twists: list[Array] = []
 
     def go(
-        self, duration_s: float, twist: tuple[float, ...] | None, frame: TwistFrame = BASE, pace: float = 1.0
+        self, duration_s: float, twist: tuple[float, ...] | None, frame: TwistFrame = BASE, time_rate: float = 1.0
     ) -> Run:
         """None: nothing is sent."""
         for _ in range(round(duration_s / TICK_S)):
             now = self.tick * TICK_NS
             if twist is not None and self.tick % 10 == 0:
                 self.jog.add(np.array(twist), frame, Stamped(now, now, 0))
-            motion = self.jog.advance(now, TICK_S, pace)
+            motion = self.jog.advance(now, TICK_S, time_rate)
             self.poses.append(motion.pose_sd)
             self.twists.append(motion.twist_d)
             self.tick += 1
@@ -85,8 +87,8 @@ def test_speed_acceleration_and_jerk_are_bounded() -> None:
     run.go(1.0, None)
     twists = np.array([in_base(pose, twist) for pose, twist in zip(run.poses, run.twists, strict=True)])
     bounds = (
-        (0, SETTINGS.max_linear_speed, SETTINGS.linear_acceleration, SETTINGS.linear_jerk),
-        (3, SETTINGS.max_angular_speed, SETTINGS.angular_acceleration, SETTINGS.angular_jerk),
+        (0, *BOUNDS.linear[:3]),
+        (3, *BOUNDS.angular[:3]),
     )
     for begin, speed, acceleration, jerk in bounds:
         velocity = twists[:, begin : begin + 3]
@@ -99,11 +101,11 @@ def test_speed_acceleration_and_jerk_are_bounded() -> None:
 
 def test_what_is_too_fast_is_cut_and_keeps_its_direction() -> None:
     run = Run().go(1.0, (1.0, 2.0, -2.0, 0.0, 0.0, 0.3))
-    assert run.jog.cut
+    assert run.jog.clamped
     found = in_base(run.poses[-1], run.twists[-1])
-    assert np.abs(found[:3] - SETTINGS.max_linear_speed * np.array([1.0, 2.0, -2.0]) / 3.0).max() < 1e-3
+    assert np.abs(found[:3] - BOUNDS.linear.speed * np.array([1.0, 2.0, -2.0]) / 3.0).max() < 1e-3
     assert found[5] == pytest.approx(0.3, abs=1e-3)
-    assert not run.go(0.1, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0)).jog.cut
+    assert not run.go(0.1, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0)).jog.clamped
 
 
 def test_silence_for_the_timeout_and_a_twist_of_zero_bring_it_to_rest() -> None:
@@ -115,7 +117,10 @@ def test_silence_for_the_timeout_and_a_twist_of_zero_bring_it_to_rest() -> None:
 
 
 def test_it_goes_no_further_than_the_arm() -> None:
-    free, slow = Run().go(1.0, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)), Run().go(1.0, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), pace=0.25)
+    free, slow = (
+        Run().go(1.0, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        Run().go(1.0, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), time_rate=0.25),
+    )
     way_free, way_slow = (run.poses[-1][:3, 3] - START[:3, 3] for run in (free, slow))
     assert np.abs(way_slow - 0.25 * way_free).max() < 1e-9
 
@@ -128,9 +133,9 @@ def test_a_tool_that_cannot_follow_holds_the_reference_on_a_leash() -> None:
         run.jog.add(np.array([0.2, 0.0, 0.0, 0.0, 0.8, 0.0]), BASE, Stamped(now, now, 0))
         pose = run.jog.advance(now, TICK_S, 1.0, stuck).pose_sd
         run.tick += 1
-    assert run.jog.leashed
-    assert np.linalg.norm(pose[:3, 3] - stuck[:3, 3]) < 2.5 * SETTINGS.leash_distance
-    assert np.linalg.norm(se3.log_rotation(stuck[:3, :3].T @ pose[:3, :3])) < 2.5 * SETTINGS.leash_angle
+    assert run.jog.lead_limited
+    assert np.linalg.norm(pose[:3, 3] - stuck[:3, 3]) < 2.5 * LEAD_LIMIT.distance
+    assert np.linalg.norm(se3.log_rotation(stuck[:3, :3].T @ pose[:3, :3])) < 2.5 * LEAD_LIMIT.angle
     lead = pose[0, 3] - stuck[0, 3]
     for _ in range(50):
         now = run.tick * TICK_NS

@@ -17,6 +17,7 @@ from support import shared_path
 
 from ik_node.errors import InputError, TrajectoryFileError
 from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.trajectory.pose_file import load
 from ik_node.trajectory.pose_file_format import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
@@ -24,7 +25,7 @@ from ik_node.trajectory.sampled import SampledTrajectory
 START = se3.exp(np.array([0.3, 0.1, 0.5, 3.0, 0.2, -0.1]))
 
 
-def motion(count: int = 21) -> tuple[se3.Array, se3.Array]:
+def motion(count: int = 21) -> tuple[Array, Array]:
     """Positions (N, 3) in m and quaternions (N, 4) x, y, z, w of a smooth motion; the quaternions change sign."""
     phase = np.linspace(0.0, 2.0, count)
     positions = np.column_stack((0.4 + 0.1 * np.sin(phase), 0.1 * phase, 0.3 + 0.05 * np.cos(phase)))
@@ -33,20 +34,20 @@ def motion(count: int = 21) -> tuple[se3.Array, se3.Array]:
     return positions, turns.as_quat() * signs[:, None]
 
 
-def expected(positions: se3.Array, quaternions: se3.Array) -> se3.Array:
+def expected(positions: Array, quaternions: Array) -> Array:
     poses = np.tile(np.eye(4), (len(positions), 1, 1))
     poses[:, :3, 3] = positions
     poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()
     return poses
 
 
-def assert_poses(trajectory: SampledTrajectory, poses: se3.Array) -> None:
+def assert_poses(trajectory: SampledTrajectory, poses: Array) -> None:
     got = np.array([sample.pose for sample in trajectory.samples()])
     assert got.shape == poses.shape
     assert np.abs(got - poses).max() < 1e-12
 
 
-def write(path: Path, header: str, columns: se3.Array, separator: str = ",") -> Path:
+def write(path: Path, header: str, columns: Array, separator: str = ",") -> Path:
     lines = [separator.join(repr(float(value)) for value in row) for row in columns]
     path.write_text("\n".join([*([header] if header else []), *lines]) + "\n")
     return path
@@ -254,7 +255,7 @@ def test_a_description_out_of_range_is_refused(options: dict[str, object], messa
         PoseFileFormat(**options)  # type: ignore[arg-type]
 
 
-def sampled(times: se3.Array) -> tuple[SampledTrajectory, se3.Array]:
+def sampled(times: Array) -> tuple[SampledTrajectory, Array]:
     positions, quaternions = motion(len(times))
     poses = expected(positions, quaternions)
     return SampledTrajectory(times, poses), poses

@@ -16,6 +16,7 @@ from scipy.integrate import quad
 from ik_node.errors import InputError
 from ik_node.interfaces.motion import Trajectory
 from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.robot import catalogue
 from ik_node.robot.robot import Robot
 from ik_node.trajectory import shapes
@@ -26,12 +27,12 @@ STARTS = {
 }
 
 
-def start_pose() -> se3.Array:
+def start_pose() -> Array:
     pose = se3.exp(np.array([0.4, -0.2, 0.3, 2.0, 1.0, -0.5]))
     return pose
 
 
-def coordinates(trajectory: Trajectory, times: se3.Array) -> se3.Array:
+def coordinates(trajectory: Trajectory, times: Array) -> Array:
     """(N, 6): displacement and rotation vector from the first pose."""
     first = trajectory.pose(0.0)
     rows = []
@@ -146,7 +147,7 @@ def test_a_line_turns_the_short_way_and_may_be_no_line_at_all() -> None:
     start = start_pose()
     end = start.copy()
     end[:3, :3] = start[:3, :3] @ se3.exp_rotation(np.array([0.0, 0.0, 1.5 * math.pi]))
-    middle = shapes.Line(start, end, 1.0).pose(0.5)
+    middle = shapes.StraightLine(start, end, 1.0).pose(0.5)
     half = se3.log_rotation(start[:3, :3].T @ middle[:3, :3])
     assert half == pytest.approx([0.0, 0.0, -0.25 * math.pi], abs=1e-12)
     still = shapes.straight_line(start, start)

@@ -14,7 +14,7 @@ from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import PathSample, TrajectorySample
 from ik_node.math import se3
 from ik_node.math.quaternion import Quaternion, from_matrix, normalised
-from ik_node.math.so3 import turns_between
+from ik_node.math.so3 import relative_rotation_vectors
 from ik_node.math.types import Array
 from ik_node.settings.groups import PathSettings
 from ik_node.targets.path.se3_spline import Knots
@@ -26,13 +26,17 @@ FramePose = Callable[[str], Array]
 
 FARTHEST_M = 100.0
 """Positions further from {s} are no target of an arm."""
+MAX_POSES = 2000
+"""Longer paths are refused: preparing 1000 poses takes 10 ms."""
+MAX_AHEAD_S = 60.0
+"""Paths that begin later than this from now are refused."""
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
 """Stamps and twists that ask for more than this are a mistake. What the arm cannot do slows the path down instead."""
 SHORT_AFTER_EPOCH_NS = 365 * 86_400 * NS
 """Stamps before this are no dates but times from the start of the path."""
 
 
-class Route(NamedTuple):
+class PathRequest(NamedTuple):
     """N poses in {s} to be gone through in order."""
 
     times_s: Array
@@ -45,32 +49,32 @@ class Route(NamedTuple):
     """With rates and accelerations, where these were sent too."""
     begin_ns: int | None
     """When it begins on the monotonic clock; None: as soon as the arm is there."""
-    remark: str
+    warning: str
     """What a person should know about it; empty for nothing."""
     timed: bool = True
     """The poses came with times."""
 
 
-def route_of_path(sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> Route:
+def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> PathRequest:
     """The route of a nav_msgs/Path. Its poses hold at their own stamps; the path's own stamp says nothing.
 
     All stamps alike: a path without times. Raises TargetRefused, naming the pose by its number from 0.
     """
     count = len(sample.stamps_ns)
-    _check_count(count, settings)
+    _check_count(count)
     stamps = sample.stamps_ns
     bases = [(frame, _placed(frame_pose, frame, sample.frame_ids)) for frame in dict.fromkeys(sample.frame_ids)]
     positions, orientations = _in_base(sample.positions, sample.quaternions, sample.frame_ids, bases)
     if len(set(stamps)) == 1:
         knots = nominal_knots(positions, orientations, settings)
-        return Route(knots.times_s, knots.positions, knots.orientations, knots, None, "", False)
+        return PathRequest(knots.times_s, knots.positions, knots.orientations, knots, None, "", False)
     times_s = _times([stamp - stamps[0] for stamp in stamps])
     _check_speeds(times_s, positions, orientations)
-    begin_ns, remark = _begin("target_path", stamps[0], stamps[-1], now, settings)
-    return Route(times_s, positions, orientations, None, begin_ns, remark)
+    begin_ns, warning = _begin("target_path", stamps[0], stamps[-1], now)
+    return PathRequest(times_s, positions, orientations, None, begin_ns, warning)
 
 
-def route_of_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> Route:
+def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> PathRequest:
     """The route of a trajectory_msgs/MultiDOFJointTrajectory.
 
     Twists and accelerations are those of the tool point, written in the axes of the header's frame: ROS says no more
@@ -78,7 +82,7 @@ def route_of_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: In
     Raises TargetRefused, naming the point by its number from 0.
     """
     count = len(sample.times_ns)
-    _check_count(count, settings)
+    _check_count(count)
     base = _placed(frame_pose, sample.frame_id, (sample.frame_id,))
     frames = (sample.frame_id,) * count
     positions, orientations = _in_base(sample.positions, sample.quaternions, frames, [(sample.frame_id, base)])
@@ -86,11 +90,11 @@ def route_of_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: In
     _check_speeds(times_s, positions, orientations)
     first, last = sample.stamp_ns + sample.times_ns[0], sample.stamp_ns + sample.times_ns[-1]
     begin_ns: int | None = now.monotonic_ns + sample.times_ns[0]
-    remark = ""
+    warning = ""
     if sample.stamp_ns != 0:
-        begin_ns, remark = _begin("target_trajectory", first, last, now, settings)
+        begin_ns, warning = _begin("target_trajectory", first, last, now)
     knots = _knots(sample, base, times_s, positions, orientations)
-    return Route(times_s, positions, orientations, knots, begin_ns, remark)
+    return PathRequest(times_s, positions, orientations, knots, begin_ns, warning)
 
 
 def _knots(
@@ -126,11 +130,11 @@ def _matrix(orientation: Quaternion) -> Array:
     return se3.rotation_from_quaternion((x, y, z, w))
 
 
-def _check_count(count: int, settings: PathSettings) -> None:
+def _check_count(count: int) -> None:
     if count < 2:
         raise TargetRefused(f"a path of {count} poses; expected at least 2 (target_pose takes single ones)")
-    if count > settings.max_poses:
-        raise TargetRefused(f"a path of {count} poses; path.max_poses is {settings.max_poses}")
+    if count > MAX_POSES:
+        raise TargetRefused(f"a path of {count} poses; at most {MAX_POSES} are accepted")
 
 
 def _placed(frame_pose: FramePose, frame: str, frame_ids: tuple[str, ...]) -> Array:
@@ -173,21 +177,21 @@ def _times(times_ns: list[int]) -> Array:
     return np.array(times_ns) / NS
 
 
-def _begin(name: str, first_ns: int, last_ns: int, now: Instant, settings: PathSettings) -> tuple[int | None, str]:
+def _begin(name: str, first_ns: int, last_ns: int, now: Instant) -> tuple[int | None, str]:
     """When a path with these first and last stamps (ROS time) begins on the monotonic clock, and what to remark."""
     if last_ns <= now.ros_ns:
         relative = first_ns < SHORT_AFTER_EPOCH_NS
         return None, "" if relative else f"stamps of {name} are in the past altogether; it began on arrival"
     ahead_s = (first_ns - now.ros_ns) / NS
-    if ahead_s > settings.max_ahead_s:
-        raise TargetRefused(f"it begins in {ahead_s:.6g} s; path.max_ahead_s is {settings.max_ahead_s:g}")
+    if ahead_s > MAX_AHEAD_S:
+        raise TargetRefused(f"it begins in {ahead_s:.6g} s; at most {MAX_AHEAD_S:g} s are accepted")
     return now.monotonic_ns + first_ns - now.ros_ns, ""
 
 
 def _check_speeds(times_s: Array, positions: Array, orientations: tuple[Quaternion, ...]) -> None:
     steps = np.diff(times_s)
     linear = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    angular = np.linalg.norm(turns_between(orientations), axis=1)
+    angular = np.linalg.norm(relative_rotation_vectors(orientations), axis=1)
     before = "the stamps of pose {} and the one before it ask for more than "
     for fast, text in (
         (linear > FASTEST_M_S * steps, f"{FASTEST_M_S:g} m/s"),

@@ -23,7 +23,7 @@ from ik_node.math.quaternion import (
     add,
     difference,
     dot,
-    from_vector,
+    from_rotation_vector,
     multiply,
     normalised,
     rotate,
@@ -31,11 +31,11 @@ from ik_node.math.quaternion import (
 )
 from ik_node.math.so3 import (
     inverse_right_jacobian,
+    relative_rotation_vectors,
     right_jacobian,
+    right_jacobian_product,
     right_jacobian_rate,
-    turned_jacobian,
-    turned_jacobian_rate,
-    turns_between,
+    right_jacobian_rate_product,
 )
 from ik_node.math.types import Array
 from ik_node.targets.jerk_limited_filter import RigidMotion
@@ -81,7 +81,7 @@ class RigidSpline:
     def __init__(self, knots: Knots) -> None:
         self.knots = knots
         steps = np.diff(knots.times_s)[:, None]
-        turns = turns_between(knots.orientations)
+        turns = relative_rotation_vectors(knots.orientations)
         ends = inverse_right_jacobian(turns, knots.rates[1:])
         bends = inverse_right_jacobian(turns, knots.angular_accelerations[1:] - right_jacobian_rate(turns, ends, ends))
         linear = _quintic(
@@ -154,7 +154,7 @@ def pose_on(spline: SplineTable, time_s: float) -> tuple[Vector, Quaternion]:
     index, u = _place(spline.times_s, time_s)
     knot = spline.places[index]
     theta = _value(spline.coefficients, index, 3, u)
-    turned = normalised(multiply((knot[3], knot[4], knot[5], knot[6]), from_vector(theta)))
+    turned = normalised(multiply((knot[3], knot[4], knot[5], knot[6]), from_rotation_vector(theta)))
     return _position(spline, index, u), turned
 
 
@@ -165,14 +165,14 @@ def motion_on(spline: SplineTable, time_s: float) -> RigidMotion:
     index, u = _place(spline.times_s, time_s)
     theta, slope = _value(coefficients, index, 3, u), _slope(coefficients, index, 3, u)
     bend = _bend(coefficients, index, 3, u)
-    change = add(turned_jacobian(theta, bend), turned_jacobian_rate(theta, slope, slope))
+    change = add(right_jacobian_product(theta, bend), right_jacobian_rate_product(theta, slope, slope))
     position, orientation = pose_on(spline, time_s)
     return RigidMotion(
         position,
         _slope(coefficients, index, 0, u),
         _bend(coefficients, index, 0, u),
         orientation,
-        rotate(orientation, turned_jacobian(theta, slope)),
+        rotate(orientation, right_jacobian_product(theta, slope)),
         rotate(orientation, change),
     )
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ik_node.math.numerics import smoothstep
 
-class PathClock(NamedTuple):
+
+class SpeedRamp(NamedTuple):
     """From a clock that starts with the path to the time on the path; plain data."""
 
     entry_s: float = 0.0
@@ -33,7 +35,7 @@ class PathClock(NamedTuple):
             return self.end_s - _gone(left_s, self.fall_s)
         return self.entry_s + clock_s - 0.5 * self.rise_s
 
-    def pace(self, clock_s: float) -> tuple[float, float]:
+    def time_rate(self, clock_s: float) -> tuple[float, float]:
         """Derivative of :meth:`time_s` and its derivative [1/s]."""
         left_s = self.duration_s - clock_s
         if left_s <= 0.0:
@@ -41,7 +43,7 @@ class PathClock(NamedTuple):
         for ramp_s, gone_s, sign in ((self.rise_s, clock_s, 1.0), (self.fall_s, left_s, -1.0)):
             if gone_s < ramp_s:
                 u = gone_s / ramp_s
-                return u * u * (3.0 - 2.0 * u), sign * 6.0 * u * (1.0 - u) / ramp_s
+                return smoothstep(u), sign * 6.0 * u * (1.0 - u) / ramp_s
         return 1.0, 0.0
 
 

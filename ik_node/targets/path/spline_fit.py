@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ik_node.math.quaternion import Quaternion
-from ik_node.math.so3 import inverse_right_jacobian, right_jacobian, right_jacobian_rate, turns_between
+from ik_node.math.so3 import inverse_right_jacobian, relative_rotation_vectors, right_jacobian, right_jacobian_rate
 from ik_node.math.types import Array
 from ik_node.targets.path.se3_spline import Knots
 
@@ -38,7 +38,7 @@ def through_poses(
     ``moving_start``, ``moving_end``: it is under way there instead, as the three poses nearest to that end say.
     """
     count = len(times_s)
-    turns = turns_between(orientations)
+    turns = relative_rotation_vectors(orientations)
     velocities, accelerations = np.zeros((count, 3)), np.zeros((count, 3))
     rates, angular = np.zeros((count, 3)), np.zeros((count, 3))
     still = (np.abs(np.diff(positions, axis=0)).max(axis=1) < REPEATED) & (np.abs(turns).max(axis=1) < REPEATED)
@@ -135,7 +135,7 @@ def estimated_accelerations(knots: Knots) -> Knots:
     another one those of the cubic beside it.
     """
     steps, moves = np.diff(knots.times_s), np.diff(knots.positions, axis=0)
-    turns = turns_between(knots.orientations)
+    turns = relative_rotation_vectors(knots.orientations)
     backward = inverse_right_jacobian(-turns, knots.rates[:-1])
     forward = inverse_right_jacobian(turns, knots.rates[1:])
     accelerations = _central(steps, moves, knots.velocities, knots.velocities[:-1], knots.velocities[1:])

@@ -1,7 +1,6 @@
 """Times for a path that came without: as fast as the bounds allow, from rest to rest.
 
-The path T(z) is the spline of least bending, with z the time that it would take at the speeds ``path.linear_speed``
-and ``path.angular_speed`` from pose to pose. For z(t) every quantity y of the path that is bounded (the position of the
+The path T(z) is the spline of least bending, with z the time that it would take at ``path.speed`` from pose to pose. For z(t) every quantity y of the path that is bounded (the position of the
 tool, its orientation, each joint of the arm) asks for ::
 
     |y' z'| <= speed ,    |y''| z'^2 <= c a ,    |y'| |z''| <= a - |y''| z'^2 ,    c = 0.7
@@ -29,15 +28,16 @@ from ik_node.errors import InputError, TargetRefused
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.math.quaternion import Quaternion
 from ik_node.math.se3 import inverse, log
-from ik_node.math.so3 import turns_between
+from ik_node.math.so3 import relative_rotation_vectors
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import MotionLimits, motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import PathSettings, Settings
-from ik_node.targets.jerk_limited_filter import RigidMotion, pose_of
+from ik_node.targets.bounds import PATH_ACCELERATION_FRACTION
+from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
 from ik_node.targets.path.se3_spline import Knots, RigidSpline
 from ik_node.targets.path.spline_fit import REPEATED, through_poses
-from ik_node.targets.path.time_scaling import LawTable
+from ik_node.targets.path.time_scaling import TimeScalingTable
 
 PER_INTERVAL, MOST_POINTS = 6, 1500
 """Points at which bounds are looked at, from pose to pose; fewer where that makes too many, but each pose."""
@@ -82,24 +82,24 @@ class JointSearch(NamedTuple):
 def nominal_knots(positions: Array, orientations: tuple[Quaternion, ...], settings: PathSettings) -> Knots:
     """The path without its repeated poses, over z. Raises TargetRefused where all poses are the same."""
     linear = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    angular = np.linalg.norm(turns_between(orientations), axis=1)
+    angular = np.linalg.norm(relative_rotation_vectors(orientations), axis=1)
     kept = [0, *(np.flatnonzero((linear > REPEATED) | (angular > REPEATED)) + 1).tolist()]
     if len(kept) < 2:
         raise TargetRefused("a path without times, of poses that are all the same")
     remaining = tuple(orientations[index] for index in kept)
     lengths = np.linalg.norm(np.diff(positions[kept], axis=0), axis=1)
-    angles = np.linalg.norm(turns_between(remaining), axis=1)
-    steps = np.maximum(lengths / settings.linear_speed, angles / settings.angular_speed)
+    angles = np.linalg.norm(relative_rotation_vectors(remaining), axis=1)
+    steps = np.maximum(lengths / settings.speed[0], angles / settings.speed[1])
     places = np.concatenate(([0.0], np.cumsum(steps)))
     return through_poses(places, positions[kept], remaining, moving_start=True, moving_end=True)
 
 
-def tool_bounds(spline: RigidSpline, settings: PathSettings) -> PathBounds:
+def tool_bounds(spline: RigidSpline, settings: Settings) -> PathBounds:
     """What the bounds on the tool's motion in ``settings`` leave."""
     per_interval = min(max(MOST_POINTS // len(spline.knots.times_s), 1), PER_INTERVAL)
     places, first, second = spline.derivatives(per_interval)
-    speeds = np.array([settings.linear_speed, settings.angular_speed])
-    accelerations = np.array([settings.linear_acceleration, settings.angular_acceleration])
+    speeds = np.array(settings.path.speed)
+    accelerations = np.array(PATH_ACCELERATION_FRACTION) * settings.target.max_acceleration
     slopes = np.linalg.norm(first.reshape(-1, 2, 3), axis=2)
     bends = np.linalg.norm(second.reshape(-1, 2, 3), axis=2)
     return _bounds(places, slopes, bends, speeds, accelerations)
@@ -114,7 +114,7 @@ def _bounds(places: Array, slopes: Array, bends: Array, speeds: Array, accelerat
     return PathBounds(places, squared, np.minimum(change, 1e6))
 
 
-def time_law(bounds: PathBounds) -> LawTable:
+def compute_time_scaling(bounds: PathBounds) -> TimeScalingTable:
     """The fastest law within ``bounds``, averaged over ``WINDOW_S``."""
     places = bounds.places
     reach = WINDOW_S * float(bounds.squared_rate.max()) ** 0.5
@@ -129,7 +129,7 @@ def time_law(bounds: PathBounds) -> LawTable:
         highest[index + 1] = min(highest[index + 1], highest[index] + gain)
     rates = np.sqrt(highest)
     durations = 2.0 * np.array(steps) / (rates[:-1] + rates[1:])
-    return LawTable(np.concatenate(([0.0], np.cumsum(durations))), places, rates, WINDOW_S)
+    return TimeScalingTable(np.concatenate(([0.0], np.cumsum(durations))), places, rates, WINDOW_S)
 
 
 def _least_within(places: Array, values: Array, reach: float) -> Array:
@@ -155,20 +155,20 @@ class PathTiming:
         """What is left to do before there can be a law for an arm at q (n,); None for nothing."""
         return None if self._robot is None or q is None else begin_joint_search(spline, q)
 
-    def go_on(self, spline: RigidSpline, search: JointSearch) -> JointSearch:
+    def advanced_search(self, spline: RigidSpline, search: JointSearch) -> JointSearch:
         """A control tick's share of it."""
         if self._robot is None:
             raise InputError("a search for joint positions needs a robot")
-        return go_on(search, spline, self._robot)
+        return advanced_search(search, spline, self._robot)
 
-    def law(self, spline: RigidSpline, search: JointSearch | None) -> LawTable:
+    def time_scaling(self, spline: RigidSpline, search: JointSearch | None) -> TimeScalingTable:
         """The law, once nothing is left to do."""
         settings = self._settings
-        bounds = tool_bounds(spline, settings.path)
+        bounds = tool_bounds(spline, settings)
         if search is not None and self._robot is not None:
             limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
             bounds = both(bounds, joint_bounds(search, limits))
-        return time_law(bounds)
+        return compute_time_scaling(bounds)
 
 
 # --- joints ----------------------------------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def begin_joint_search(spline: RigidSpline, q: Array) -> JointSearch:
     return JointSearch(tuple(places.tolist()), tuple(q.tolist()), ())
 
 
-def go_on(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch:
+def advanced_search(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch:
     """The joint positions of a few more points, each from the one before."""
     positions = search.positions
     if not positions:
@@ -190,11 +190,11 @@ def go_on(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch
         return search._replace(positions=(tuple(start.tolist()),))
     found = np.array(positions[-1])
     for place in search.places[len(positions) : len(positions) + POINTS_PER_TICK]:
-        wanted = _pose(spline, place)
+        target_pose = _pose(spline, place)
         for _ in range(CORRECTIONS):
             kinematics = robot.evaluate(found)
             jacobian = kinematics.jacobian_b
-            error = log(inverse(kinematics.pose_sb) @ wanted)
+            error = log(inverse(kinematics.pose_sb) @ target_pose)
             found = found + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), error)
         positions = (*positions, tuple(found.tolist()))
     return search._replace(positions=positions)
@@ -202,7 +202,7 @@ def go_on(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch
 
 def _pose(spline: RigidSpline, place: float) -> Array:
     position, orientation = spline.pose(place)
-    return pose_of(RigidMotion(position, orientation=orientation))
+    return pose_matrix(RigidMotion(position, orientation=orientation))
 
 
 def is_done(search: JointSearch) -> bool:

@@ -10,7 +10,7 @@ from ik_node.jit import compiled
 from ik_node.math.types import Array
 
 
-class LawTable(NamedTuple):
+class TimeScalingTable(NamedTuple):
     """Times at which points of a path are passed before they are smoothed; plain data."""
 
     times_s: Array
@@ -23,10 +23,10 @@ class LawTable(NamedTuple):
     """Everything is the mean over so much time: that makes acceleration continuous, and jerk bounded."""
 
 
-class TimeLaw:
-    """A :class:`LawTable` as a function; immutable."""
+class TimeScaling:
+    """A :class:`TimeScalingTable` as a function; immutable."""
 
-    def __init__(self, table: LawTable) -> None:
+    def __init__(self, table: TimeScalingTable) -> None:
         steps = np.diff(table.times_s)
         changes = np.diff(table.rates) / steps
         areas = steps * (table.places[:-1] + steps * (0.5 * table.rates[:-1] + steps * changes / 6.0))
@@ -44,7 +44,7 @@ class TimeLaw:
 
     def place(self, time_s: float) -> float:
         """The path's parameter; held at its ends outside 0 .. ``duration_s``."""
-        return law_place(self.rows, self.window_s, time_s)
+        return place_at(self.rows, self.window_s, time_s)
 
     def rates(self, time_s: float) -> tuple[float, float]:
         """Its first and second derivative."""
@@ -54,8 +54,8 @@ class TimeLaw:
 
 
 @compiled
-def law_place(rows: Array, window_s: float, time_s: float) -> float:
-    """:meth:`TimeLaw.place`."""
+def place_at(rows: Array, window_s: float, time_s: float) -> float:
+    """:meth:`TimeScaling.place`."""
     if time_s <= 0.0:
         return float(rows[0, 1])
     if time_s >= rows[-1, 0] + window_s:

@@ -26,13 +26,13 @@ class Latency(NamedTuple):
     goal_s: float = 0.0
     time_ns: int = 0
 
-    def drawn_to(self, goal_s: float, time_ns: int) -> Latency:
+    def moving_to(self, goal_s: float, time_ns: int) -> Latency:
         """The same latency on its way to another."""
-        return Latency(lag_at(self, time_ns)[0], goal_s, time_ns)
+        return Latency(latency_at(self, time_ns)[0], goal_s, time_ns)
 
 
 @compiled
-def lag_at(latency: Latency, time_ns: int) -> tuple[float, float]:
+def latency_at(latency: Latency, time_ns: int) -> tuple[float, float]:
     """Latency [s] and its rate of change."""
     left = latency.goal_s - latency.value_s
     # a late tick asks for moments before the newest sample
@@ -42,7 +42,7 @@ def lag_at(latency: Latency, time_ns: int) -> tuple[float, float]:
     return (latency.value_s + change, LATENCY_RATE) if left > 0.0 else (latency.value_s - change, -LATENCY_RATE)
 
 
-def wanted(unpredictability: float, most_s: float) -> float:
-    """Latency [s] for a target of this unpredictability (``predictors.Bank``), at most ``most_s``."""
+def target_latency(unpredictability: float, max_latency_s: float) -> float:
+    """Latency [s] for a target of this unpredictability (``predictors.PredictorBank``), at most ``max_latency_s``."""
     part = (unpredictability - PREDICTABLE) / (UNPREDICTABLE - PREDICTABLE)
-    return most_s * min(1.0, max(0.0, part))
+    return max_latency_s * min(1.0, max(0.0, part))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.jit import compiled
-from ik_node.math.quaternion import Quaternion, Vector, conjugate, difference, length, multiply, to_vector
+from ik_node.math.quaternion import Quaternion, Vector, conjugate, difference, length, multiply, to_rotation_vector
 from ik_node.math.types import Array
 
 PREDICTORS = (
@@ -84,13 +84,13 @@ class Polynomials(NamedTuple):
     """Of the sample on the two time bases [s], from the first after the last jump or gap."""
 
 
-class Bank(NamedTuple):
+class PredictorBank(NamedTuple):
     """The predictors after the newest sample."""
 
     now: Polynomials
     scored: Polynomials
     """As they were when last compared with a sample."""
-    known: int
+    sample_count: int
     """Samples since the last jump or gap."""
     errors: Array
     """(2 N, 2): faded sums of squared errors of position and orientation."""
@@ -118,13 +118,13 @@ class Bank(NamedTuple):
     def curve(self) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
         """Position, rotation vector, and their derivatives at the newest sample, weighted over the predictors.
 
-        In the order of ``curve.Curve``: position, velocity, acceleration, rotation vector, its two derivatives.
+        In the order of ``curve.TargetCurve``: position, velocity, acceleration, rotation vector, its two derivatives.
         """
         now = self.now
         return _curve(now.value, now.slope, now.bend, self.errors, self.weight, self.regular)
 
 
-def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regular: bool) -> Bank:
+def new_bank(position: Vector, orientation: Quaternion, earlier: PredictorBank | None, regular: bool) -> PredictorBank:
     """Predictors that know one sample, and of what came before a jump or gap only who foretold it well.
 
     ``regular`` says which times to begin with when there was nothing before.
@@ -135,19 +135,19 @@ def begun(position: Vector, orientation: Quaternion, earlier: Bank | None, regul
     now = Polynomials(value, zero, zero, position, orientation, (0.0, 0.0))
     if earlier is None:
         errors = np.zeros((2 * _N, 2))
-        return Bank(now, now, 1, errors, 0.0, errors, np.zeros(2), np.zeros(2), 0, regular)
-    return earlier._replace(now=now, scored=now, known=1)
+        return PredictorBank(now, now, 1, errors, 0.0, errors, np.zeros(2), np.zeros(2), 0, regular)
+    return earlier._replace(now=now, scored=now, sample_count=1)
 
 
 @compiled
-def updated(
-    bank: Bank, position: Vector, orientation: Quaternion, elapsed_s: tuple[float, float], period_s: float
-) -> Bank:
+def updated_bank(
+    bank: PredictorBank, position: Vector, orientation: Quaternion, elapsed_s: tuple[float, float], period_s: float
+) -> PredictorBank:
     """The predictors with one more sample, ``elapsed_s`` after the newest on the stamps and on the regular times."""
-    before, count = bank.now, bank.known + 1
+    before, count = bank.now, bank.sample_count + 1
     horizon_s = max(period_s, SHORTEST_HORIZON_S)
     dt = (max(elapsed_s[0], 1e-4), max(elapsed_s[1], 1e-4))
-    turn = to_vector(multiply(orientation, conjugate(before.orientation)))
+    turn = to_rotation_vector(multiply(orientation, conjugate(before.orientation)))
     sample = (position[0], position[1], position[2], turn[0], turn[1], turn[2])
     value, slope, bend = np.empty((2 * _N, 6)), np.empty((2 * _N, 6)), np.empty((2 * _N, 6))
     for i in range(2 * _N):
@@ -165,7 +165,7 @@ def updated(
     now = Polynomials(value, slope, bend, position, orientation, times)
     if count > 2 and times[0] - bank.scored.times[0] >= 0.75 * horizon_s:
         return _scored(bank, now, count)
-    return Bank(
+    return PredictorBank(
         now,
         bank.scored if count > 2 else now,  # a single sample foretells nothing
         count,
@@ -206,10 +206,10 @@ def _gains(degree: int, fade_per_period: float, dt: float, horizon_s: float, n: 
 
 
 @compiled
-def _scored(bank: Bank, now: Polynomials, known: int) -> Bank:
+def _scored(bank: PredictorBank, now: Polynomials, sample_count: int) -> PredictorBank:
     """``bank`` with the predictors ``now``, after those of ``bank.scored`` have been compared with the sample."""
     then = bank.scored
-    turn = to_vector(multiply(now.orientation, conjugate(then.orientation)))
+    turn = to_rotation_vector(multiply(now.orientation, conjugate(then.orientation)))
     sample = (now.position[0], now.position[1], now.position[2], turn[0], turn[1], turn[2])
     squared = np.zeros((2 * _N, 2))
     for i in range(2 * _N):
@@ -222,11 +222,11 @@ def _scored(bank: Bank, now: Polynomials, known: int) -> Bank:
     raw, regular = _least_error(errors, weight, 0), _least_error(errors, weight, _N)
     changes = raw < PREFERENCE * regular if bank.regular else regular < PREFERENCE * raw
     in_use = bank.regular != changes
-    if known <= (LEARNING_REGULAR if in_use else LEARNING):
-        return Bank(
+    if sample_count <= (LEARNING_REGULAR if in_use else LEARNING):
+        return PredictorBank(
             now,
             now,
-            known,
+            sample_count,
             errors,
             weight,
             bank.long_errors,
@@ -238,10 +238,10 @@ def _scored(bank: Bank, now: Polynomials, known: int) -> Bank:
     step = np.array((length(difference(now.position, then.position)), length(turn))) ** 2
     moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
     kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving
-    return Bank(
+    return PredictorBank(
         now,
         now,
-        known,
+        sample_count,
         errors,
         weight,
         kept * bank.long_errors + squared,
@@ -265,7 +265,7 @@ def _least_error(errors: Array, weight: float, first: int) -> float:
 def _curve(
     value: Array, slope: Array, bend: Array, errors: Array, weight: float, regular: bool
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """:meth:`Bank.curve`."""
+    """:meth:`PredictorBank.curve`."""
     first = _N if regular else 0
     found = np.zeros((3, 6))
     for half in range(2):
@@ -292,7 +292,7 @@ def _curve(
 
 @compiled
 def _unpredictability(errors: Array, steps: Array, weights: Array, count: int, regular: bool) -> tuple[float, float]:
-    """:attr:`Bank.unpredictability`."""
+    """:attr:`PredictorBank.unpredictability`."""
     if count < LEARNING:
         return (0.0, 0.0)
     first = _N if regular else 0

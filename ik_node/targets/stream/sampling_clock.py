@@ -35,7 +35,7 @@ LARGEST_DELAY = 0.25
 """Mean delay, in periods, that is believed at most."""
 
 
-class Cadence(NamedTuple):
+class SamplingClock(NamedTuple):
     """What is known of a stream's rhythm after its newest sample."""
 
     time_ns: int = 0
@@ -59,36 +59,36 @@ class Cadence(NamedTuple):
         return min(sqrt(3.0 * self.variance), LARGEST_DELAY * self.period_s)
 
 
-def restarted(cadence: Cadence, time_ns: int) -> Cadence:
+def reset(clock: SamplingClock, time_ns: int) -> SamplingClock:
     """The rhythm begins at this sample; the period is kept until it is known better."""
-    return cadence._replace(time_ns=time_ns, age=1, offset_s=0.0)
+    return clock._replace(time_ns=time_ns, age=1, offset_s=0.0)
 
 
-def followed(cadence: Cadence, time_ns: int) -> Cadence:
+def updated(clock: SamplingClock, time_ns: int) -> SamplingClock:
     """The rhythm with one more sample, later than the newest."""
-    interval = time_ns - cadence.time_ns
-    intervals = (*cadence.intervals[1 - INTERVALS :], interval)
-    mean_s = _period(np.array(intervals, dtype=np.int64), cadence.period_s * NS)
+    interval = time_ns - clock.time_ns
+    intervals = (*clock.intervals[1 - INTERVALS :], interval)
+    mean_s = _period(np.array(intervals, dtype=np.int64), clock.period_s * NS)
     # until the line is long its slope is worse than the mean interval; later it must agree, else it has lost steps
-    locked_s = cadence.locked_period_s
-    if cadence.age < INTERVALS or abs(locked_s - mean_s) > LARGEST_DISAGREEMENT * mean_s:
-        locked_s = mean_s
-    known = cadence._replace(intervals=intervals, period_s=locked_s)
-    since_s = interval / NS - cadence.offset_s
-    steps = max(1, round(since_s / locked_s))
-    residual_s = since_s - steps * locked_s
-    if steps > MOST_MISSED or abs(residual_s) > LARGEST_RESIDUAL * locked_s:
-        return restarted(known, time_ns)
+    locked_period_s = clock.locked_period_s
+    if clock.age < INTERVALS or abs(locked_period_s - mean_s) > LARGEST_DISAGREEMENT * mean_s:
+        locked_period_s = mean_s
+    known = clock._replace(intervals=intervals, period_s=locked_period_s)
+    since_s = interval / NS - clock.offset_s
+    steps = max(1, round(since_s / locked_period_s))
+    residual_s = since_s - steps * locked_period_s
+    if steps > MOST_MISSED or abs(residual_s) > LARGEST_RESIDUAL * locked_period_s:
+        return reset(known, time_ns)
     # gains of a fading-memory line (Morrison, Introduction to Sequential Smoothing and Prediction, 1969), whose
     # memory grows from the last two samples
-    n = cadence.age + 1.0
+    n = clock.age + 1.0
     gain = max(1.0 - MEMORY**2, (4.0 * n - 2.0) / (n * (n + 1.0)))
     return known._replace(
         time_ns=time_ns,
-        age=cadence.age + 1,
-        locked_period_s=locked_s + (1.0 - MEMORY) ** 2 * residual_s / steps,
+        age=clock.age + 1,
+        locked_period_s=locked_period_s + (1.0 - MEMORY) ** 2 * residual_s / steps,
         offset_s=(gain - 1.0) * residual_s,
-        variance=SPREAD_MEMORY * cadence.variance + (1.0 - SPREAD_MEMORY) * residual_s * residual_s,
+        variance=SPREAD_MEMORY * clock.variance + (1.0 - SPREAD_MEMORY) * residual_s * residual_s,
     )
 
 

@@ -1,7 +1,7 @@
 """Streamed poses as a smooth motion.
 
-Samples come when they come; the motion is asked for at every control tick. ``cadence.py`` says when each sample was
-taken, ``predictors.py`` where the target is now, and ``pursuit.py`` leads a motion with bounded speed, acceleration and
+Samples come when they come; the motion is asked for at every control tick. ``sampling_clock.py`` says when each sample was
+taken, ``predictors.py`` where the target is now, and ``filter_state.py`` leads a motion with bounded speed, acceleration and
 jerk to it. A target that is hard to foretell is followed a part of a sample period late: interpolation is better than
 extrapolation then. How late follows from how wrong the predictions have been, so that a smooth target is followed
 without lag.
@@ -15,28 +15,31 @@ from math import inf
 
 from ik_node.interfaces.clock import NS, Stamped
 from ik_node.interfaces.motion import Motion
-from ik_node.math.quaternion import conjugate, difference, from_matrix, length, multiply, to_vector
+from ik_node.math.quaternion import conjugate, difference, from_matrix, length, multiply, to_rotation_vector
 from ik_node.math.types import Array
-from ik_node.settings.groups import TargetSettings
-from ik_node.targets.jerk_limited_filter import Bounds, RigidMotion, pose_of
-from ik_node.targets.stream.extrapolation import Curve, resting
-from ik_node.targets.stream.latency import Latency, lag_at, wanted
-from ik_node.targets.stream.predictors import Bank, begun, updated
-from ik_node.targets.stream.sampling_clock import Cadence, followed, restarted
+from ik_node.settings.groups import Pair, TargetSettings
+from ik_node.targets.bounds import stream_bounds
+from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
+from ik_node.targets.stream.extrapolation import TargetCurve, resting
+from ik_node.targets.stream.latency import Latency, latency_at, target_latency
+from ik_node.targets.stream.predictors import PredictorBank, new_bank, updated_bank
+from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
 from ik_node.targets.stream.tracking_filter import (
-    NOWHERE,
-    Course,
-    Pace,
-    Pursuit,
-    Sample,
+    NO_PREDICTION,
+    PackedFilterState,
+    StreamSample,
+    TargetPrediction,
+    TrackingBounds,
+    advanced_filter,
     after_a_jump,
-    elsewhere,
+    as_arrays,
+    filter_state_from,
     gap_period_s,
-    packed,
-    pursued,
-    pursuit_from,
+    moved_to,
 )
 
+MAX_LATENCY_PERIODS: Pair = (0.9, 1.0)
+"""Maximum smoothing delay [linear, angular] in sample periods, for unpredictable targets."""
 LOST_PERIODS = 4.0
 """A gap longer than this many periods ends what the older samples say about the motion."""
 LONGEST_TRANSPORT_S = 0.1
@@ -51,11 +54,11 @@ REPEATED = 0.5
 class StreamSnapshot:
     """Everything that the motion remembers. Values are immutable, so that a shallow copy is a snapshot."""
 
-    pursuit: Pursuit = field(default_factory=lambda: pursuit_from(RigidMotion(), 0))
-    newest: Sample | None = None
-    cadence: Cadence = field(default_factory=Cadence)
-    bank: Bank | None = None
-    curve: Curve | None = None
+    filter_state: PackedFilterState = field(default_factory=lambda: filter_state_from(RigidMotion(), 0))
+    newest: StreamSample | None = None
+    sampling_clock: SamplingClock = field(default_factory=SamplingClock)
+    bank: PredictorBank | None = None
+    curve: TargetCurve | None = None
     linear_latency: Latency = field(default_factory=Latency)
     angular_latency: Latency = field(default_factory=Latency)
     held: bool = False
@@ -68,31 +71,19 @@ class StreamSnapshot:
 class StreamedPoses:
     """Samples of a pose in, T_sd(t) and V_d(t) out. All times are monotonic nanoseconds."""
 
-    def __init__(self, settings: TargetSettings) -> None:
+    def __init__(self, settings: TargetSettings, max_latency: Pair = MAX_LATENCY_PERIODS) -> None:
+        """``max_latency``: maximum smoothing delay in sample periods [linear, angular]."""
+        self._max_latency = max_latency
         self._state = StreamSnapshot()
         self.configure(settings)
 
     def configure(self, settings: TargetSettings) -> None:
         """Other settings from now on; what has been learnt of the stream stays."""
-        self._settings = settings
-        self._pace = Pace(
-            Bounds(
-                settings.max_linear_speed,
-                settings.max_linear_acceleration,
-                settings.max_linear_jerk,
-                settings.catch_up_linear_speed,
-            ),
-            Bounds(
-                settings.max_angular_speed,
-                settings.max_angular_acceleration,
-                settings.max_angular_jerk,
-                settings.catch_up_angular_speed,
-            ),
-            settings.bandwidth,
-            settings.max_bandwidth,
+        self._pace = TrackingBounds(
+            *stream_bounds(settings),
             settings.timeout_s,
         )
-        self._pack()
+        self._update_arrays()
 
     def capture(self) -> StreamSnapshot:
         """A snapshot, for :meth:`restore`."""
@@ -101,7 +92,7 @@ class StreamedPoses:
     def restore(self, snapshot: StreamSnapshot) -> None:
         """Goes on from a snapshot, bit for bit."""
         self._state = dataclasses.replace(snapshot)
-        self._pack()
+        self._update_arrays()
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
         """At rest at ``pose_sd`` (4, 4); every sample and figure is forgotten."""
@@ -110,12 +101,12 @@ class StreamedPoses:
 
     def take_over(self, motion: RigidMotion, time_ns: int) -> None:
         """As :meth:`start`, from where another reference is, and as it moves."""
-        self._state = StreamSnapshot(pursuit_from(motion, time_ns))
-        self._pack()
+        self._state = StreamSnapshot(filter_state_from(motion, time_ns))
+        self._update_arrays()
 
     def rest_at(self, motion: RigidMotion, time_ns: int) -> None:
         """Goes on following the same samples from somewhere else."""
-        self._state.pursuit = elsewhere(self._state.pursuit, motion, time_ns)
+        self._state.filter_state = moved_to(self._state.filter_state, motion, time_ns)
 
     def hold(self) -> None:
         """Stops following: comes to rest within the bounds and stays there until :meth:`start`."""
@@ -126,84 +117,88 @@ class StreamedPoses:
         s = self._state
         s.samples += 1
         x, y, z = pose_sd[:3, 3].tolist()
-        sample = Sample(stamped.time_ns, stamped.received_ns, (x, y, z), from_matrix(pose_sd))
+        sample = StreamSample(stamped.time_ns, stamped.received_ns, (x, y, z), from_matrix(pose_sd))
         on_arrival = stamped.time_ns == stamped.received_ns
         if s.newest is None or s.bank is None:
             self._begin(sample, on_arrival)
-            s.pursuit = after_a_jump(s.pursuit)
+            s.filter_state = after_a_jump(s.filter_state)
         elif sample.time_ns < s.newest.time_ns:
             s.reordered += 1
             return
-        elif self._repeats(s.newest, sample):
+        elif self._is_duplicate(s.newest, sample):
             s.duplicates += 1
             return
-        elif self._jumps(s.newest, sample):
+        elif self._is_jump(s.newest, sample):
             self._begin(sample, on_arrival)
-            s.pursuit = after_a_jump(s.pursuit)
+            s.filter_state = after_a_jump(s.filter_state)
         elif sample.received_ns - s.newest.received_ns > LOST_PERIODS * self._gap_period_s * NS:
             self._begin(sample, on_arrival)
         else:
             self._follow(s.bank, sample)
         s.newest = sample
-        self._draw(sample, on_arrival)
+        self._update_curve(sample, on_arrival)
 
-    def _repeats(self, newest: Sample, sample: Sample) -> bool:
+    def _is_duplicate(self, newest: StreamSample, sample: StreamSample) -> bool:
         if sample.time_ns == newest.time_ns:
             return True
-        if (sample.time_ns - newest.time_ns) / NS >= REPEATED * self._state.cadence.period_s:
+        if (sample.time_ns - newest.time_ns) / NS >= REPEATED * self._state.sampling_clock.period_s:
             return False
-        turn = to_vector(multiply(sample.orientation, conjugate(newest.orientation)))
+        turn = to_rotation_vector(multiply(sample.orientation, conjugate(newest.orientation)))
         return sample.position == newest.position and length(turn) < 1e-9
 
-    def _jumps(self, newest: Sample, sample: Sample) -> bool:
+    def _is_jump(self, newest: StreamSample, sample: StreamSample) -> bool:
         """Faster than the reference may move: no motion that could be followed."""
-        elapsed_s = max((sample.time_ns - newest.time_ns) / NS, 0.5 * self._state.cadence.period_s, SHORTEST_JUDGED_S)
-        turn = to_vector(multiply(sample.orientation, conjugate(newest.orientation)))
+        elapsed_s = max(
+            (sample.time_ns - newest.time_ns) / NS, 0.5 * self._state.sampling_clock.period_s, SHORTEST_JUDGED_S
+        )
+        turn = to_rotation_vector(multiply(sample.orientation, conjugate(newest.orientation)))
         way = difference(sample.position, newest.position)
         return length(way) > self._pace.linear.speed * elapsed_s or length(turn) > self._pace.angular.speed * elapsed_s
 
-    def _begin(self, sample: Sample, on_arrival: bool) -> None:
+    def _begin(self, sample: StreamSample, on_arrival: bool) -> None:
         s = self._state
-        s.cadence = restarted(s.cadence, sample.time_ns)
-        s.bank = begun(sample.position, sample.orientation, s.bank, on_arrival)
+        s.sampling_clock = reset(s.sampling_clock, sample.time_ns)
+        s.bank = new_bank(sample.position, sample.orientation, s.bank, on_arrival)
 
-    def _follow(self, bank: Bank, sample: Sample) -> None:
+    def _follow(self, bank: PredictorBank, sample: StreamSample) -> None:
         s = self._state
-        before = s.cadence
-        s.cadence = followed(before, sample.time_ns)
+        before = s.sampling_clock
+        s.sampling_clock = updated(before, sample.time_ns)
         raw_s = (sample.time_ns - before.time_ns) / NS
-        regular_s = raw_s + s.cadence.offset_s - before.offset_s
-        s.bank = updated(bank, sample.position, sample.orientation, (raw_s, regular_s), s.cadence.period_s)
+        regular_s = raw_s + s.sampling_clock.offset_s - before.offset_s
+        s.bank = updated_bank(bank, sample.position, sample.orientation, (raw_s, regular_s), s.sampling_clock.period_s)
 
-    def _draw(self, sample: Sample, on_arrival: bool) -> None:
+    def _update_curve(self, sample: StreamSample, on_arrival: bool) -> None:
         """The curve about the newest sample, and how far behind it to run."""
         s = self._state
-        bank, cadence = s.bank, s.cadence
+        bank, sampling_clock = s.bank, s.sampling_clock
         if bank is None:
             return
         time_ns = sample.time_ns
         if bank.regular:
-            time_ns += round((cadence.offset_s - (cadence.delay_s if on_arrival else 0.0)) * NS)
+            time_ns += round((sampling_clock.offset_s - (sampling_clock.delay_s if on_arrival else 0.0)) * NS)
         earliest_ns = sample.received_ns - round(LONGEST_TRANSPORT_S * NS)
         if time_ns < earliest_ns:
             s.late += 1
             time_ns = earliest_ns
-        s.curve = Curve(time_ns, *bank.curve(), sample.orientation)
+        s.curve = TargetCurve(time_ns, *bank.curve(), sample.orientation)
         linear, angular = bank.unpredictability
-        s.linear_latency = s.linear_latency.drawn_to(
-            wanted(linear, self._settings.latency_linear * cadence.period_s), sample.received_ns
+        s.linear_latency = s.linear_latency.moving_to(
+            target_latency(linear, self._max_latency[0] * sampling_clock.period_s), sample.received_ns
         )
-        s.angular_latency = s.angular_latency.drawn_to(
-            wanted(angular, self._settings.latency_angular * cadence.period_s), sample.received_ns
+        s.angular_latency = s.angular_latency.moving_to(
+            target_latency(angular, self._max_latency[1] * sampling_clock.period_s), sample.received_ns
         )
-        self._pack()
+        self._update_arrays()
 
-    def _pack(self) -> None:
+    def _update_arrays(self) -> None:
         """What a tick reads, after everything that changes it."""
-        s, course = self._state, NOWHERE
+        s, prediction = self._state, NO_PREDICTION
         if s.newest is not None and s.curve is not None:
-            course = Course(s.newest, s.curve, s.linear_latency, s.angular_latency, s.cadence.period_s)
-        self._packed = packed(course, self._pace)
+            prediction = TargetPrediction(
+                s.newest, s.curve, s.linear_latency, s.angular_latency, s.sampling_clock.period_s
+            )
+        self._prediction_arrays = as_arrays(prediction, self._pace)
 
     def advance(self, time_ns: int, hold_s: float) -> Motion:
         """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
@@ -212,22 +207,24 @@ class StreamedPoses:
         """
         s = self._state
         follows = s.curve is not None and not s.held
-        at_ns, numbers, plan, pose_sd, twist_d = pursued(*s.pursuit, *self._packed, follows, time_ns, hold_s)
-        s.pursuit = Pursuit(at_ns, numbers, plan)
+        at_ns, numbers, schedule, pose_sd, twist_d = advanced_filter(
+            *s.filter_state, *self._prediction_arrays, follows, time_ns, hold_s
+        )
+        s.filter_state = PackedFilterState(at_ns, numbers, schedule)
         return Motion(pose_sd, twist_d)
 
     def motion(self) -> RigidMotion:
         """The reference now."""
-        return self._state.pursuit.motion
+        return self._state.filter_state.motion
 
     @property
     def _gap_period_s(self) -> float:
-        return gap_period_s(self._state.cadence.period_s)
+        return gap_period_s(self._state.sampling_clock.period_s)
 
     @property
     def period_s(self) -> float:
         """Estimated sample period [s]."""
-        return self._state.cadence.period_s
+        return self._state.sampling_clock.period_s
 
     def silent_s(self, now_ns: int) -> float:
         """Time since the last sample that was used arrived [s]; infinite before the first."""
@@ -237,24 +234,26 @@ class StreamedPoses:
     @property
     def ended(self) -> bool:
         """The stream has been silent for longer than the time-out; the motion goes to, and stays at, its last pose."""
-        return self._pace.timeout_s < self.silent_s(self._state.pursuit.time_ns) < inf
+        return self._pace.timeout_s < self.silent_s(self._state.filter_state.time_ns) < inf
 
     @property
     def jumped(self) -> bool:
         """The target has jumped, and the motion is on its way to it."""
-        return self._state.pursuit.jumped
+        return self._state.filter_state.jumped
 
     @property
     def goal_sd(self) -> Array | None:
         """The last sample (4, 4); None before the first."""
         newest = self._state.newest
-        return pose_of(resting(newest.position, newest.orientation)) if newest else None
+        return pose_matrix(resting(newest.position, newest.orientation)) if newest else None
 
     @property
     def latency_s(self) -> tuple[float, float]:
         """How far behind the target position and orientation run on purpose [s]."""
         s = self._state
-        return lag_at(s.linear_latency, s.pursuit.time_ns)[0], lag_at(s.angular_latency, s.pursuit.time_ns)[0]
+        return latency_at(s.linear_latency, s.filter_state.time_ns)[0], latency_at(
+            s.angular_latency, s.filter_state.time_ns
+        )[0]
 
     @property
     def samples(self) -> int:

@@ -14,22 +14,27 @@ from numpy.typing import NDArray
 
 from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
+from ik_node.math.numerics import smoothstep
 from ik_node.math.quaternion import IDENTITY, ZERO, Quaternion, Vector, difference, length
 from ik_node.math.types import Array
 from ik_node.targets.jerk_limited_filter import (
     Bounds,
     Jerk,
     RigidMotion,
-    chase,
+    cascade_jerk,
+    integrate,
     mean_twist,
-    move,
     orientation_error,
-    pose_of,
+    pose_matrix,
 )
-from ik_node.targets.jerk_schedule import LONGEST_STEP_S, NOTHING_PLANNED, carried_out, empty_plan, write_jerk
-from ik_node.targets.stream.extrapolation import Curve, Moment, evaluate, resting
-from ik_node.targets.stream.latency import Latency, lag_at
+from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, LONGEST_STEP_S, empty_schedule, executed, write_jerk
+from ik_node.targets.stream.extrapolation import CurveParameter, TargetCurve, evaluate, resting
+from ik_node.targets.stream.latency import Latency, latency_at
 
+BANDWIDTH = 3.5
+"""Triple pole of the cascade [rad/s] times the sample period [s]; a larger one follows closer, a smaller one smooths."""
+MAX_BANDWIDTH = 65.0
+"""Largest triple pole [rad/s], for fast streams."""
 LONGEST_CATCH_UP_S = 0.25
 """The motion makes up for missed ticks over at most this time; beyond, it goes on from where it is."""
 SHORTEST_GAP_PERIOD_S = 0.02
@@ -42,7 +47,7 @@ ARRIVED_M, ARRIVED_RAD = 5e-3, 2e-2
 """A jump is over when the motion is this near to the target."""
 
 
-class Sample(NamedTuple):
+class StreamSample(NamedTuple):
     """A pose of the stream that is used."""
 
     time_ns: int
@@ -52,35 +57,31 @@ class Sample(NamedTuple):
     orientation: Quaternion
 
 
-class Course(NamedTuple):
+class TargetPrediction(NamedTuple):
     """Where a target is and will be, by its samples."""
 
-    newest: Sample
-    curve: Curve
+    newest: StreamSample
+    curve: TargetCurve
     linear_latency: Latency
     angular_latency: Latency
     period_s: float
 
 
-class Pace(NamedTuple):
+class TrackingBounds(NamedTuple):
     """How a target is pursued."""
 
     linear: Bounds
     angular: Bounds
-    bandwidth: float
-    """Triple pole of the cascade, times the sample period."""
-    max_bandwidth: float
-    """The same at most [1/s]."""
     timeout_s: float
     """A stream that has been silent for so long has ended."""
 
 
-class Chase(NamedTuple):
+class FilterState(NamedTuple):
     """What the motion remembers from tick to tick, as compiled code works with it."""
 
     time_ns: int
     motion: RigidMotion
-    plan: Array
+    schedule: Array
     """From ``time_ns`` on, as :mod:`ik_node.targets.jerk_schedule` says."""
     hold_s: float
     """For how long the last twist was to hold."""
@@ -90,19 +91,19 @@ class Chase(NamedTuple):
     """The target has jumped, and the motion is on its way to it."""
 
 
-class Pursuit(NamedTuple):
+class PackedFilterState(NamedTuple):
     """The same from tick to tick: 2.4 us of a tick as arrays, 4.7 us as nested tuples."""
 
     time_ns: int
     numbers: Array
-    """(24,): of a :class:`Chase` position, velocity, acceleration, orientation, rate, angular acceleration, hold, turn
+    """(24,): of a :class:`FilterState` position, velocity, acceleration, orientation, rate, angular acceleration, hold, turn
     and 1 if it has jumped."""
-    plan: Array
+    schedule: Array
 
     @property
     def motion(self) -> RigidMotion:
         """The reference at ``time_ns``."""
-        return _chase(self.time_ns, self.numbers, self.plan).motion
+        return _state(self.time_ns, self.numbers, self.schedule).motion
 
     @property
     def jumped(self) -> bool:
@@ -113,59 +114,70 @@ class Pursuit(NamedTuple):
 _HOLD, _TURN, _JUMPED = 19, 20, 23
 
 
-def pursuit_from(motion: RigidMotion, time_ns: int) -> Pursuit:
+def filter_state_from(motion: RigidMotion, time_ns: int) -> PackedFilterState:
     """At ``time_ns`` with nothing planned, on the way to nowhere."""
-    return Pursuit(time_ns, _numbers(Chase(time_ns, motion, NOTHING_PLANNED, 0.0, ZERO, False)), NOTHING_PLANNED)
+    return PackedFilterState(
+        time_ns, _numbers(FilterState(time_ns, motion, EMPTY_SCHEDULE, 0.0, ZERO, False)), EMPTY_SCHEDULE
+    )
 
 
-def elsewhere(pursuit: Pursuit, motion: RigidMotion, time_ns: int) -> Pursuit:
+def moved_to(filter_state: PackedFilterState, motion: RigidMotion, time_ns: int) -> PackedFilterState:
     """The same pursuit from another place."""
-    chase = _chase(pursuit.time_ns, pursuit.numbers, pursuit.plan)._replace(motion=motion)
-    return Pursuit(time_ns, _numbers(chase), NOTHING_PLANNED)
+    cascade_jerk = _state(filter_state.time_ns, filter_state.numbers, filter_state.schedule)._replace(motion=motion)
+    return PackedFilterState(time_ns, _numbers(cascade_jerk), EMPTY_SCHEDULE)
 
 
-def after_a_jump(pursuit: Pursuit) -> Pursuit:
+def after_a_jump(filter_state: PackedFilterState) -> PackedFilterState:
     """The same pursuit of a target that has jumped."""
-    numbers = pursuit.numbers.copy()
+    numbers = filter_state.numbers.copy()
     numbers[_JUMPED] = 1.0
-    return pursuit._replace(numbers=numbers)
+    return filter_state._replace(numbers=numbers)
 
 
 @compiled
-def _chase(time_ns: int, x: Array, plan: Array) -> Chase:
+def _state(time_ns: int, x: Array, schedule: Array) -> FilterState:
     motion = RigidMotion(_vector(x, 0), _vector(x, 3), _vector(x, 6), _quaternion(x, 9), _vector(x, 13), _vector(x, 16))
-    return Chase(time_ns, motion, plan, x[_HOLD], _vector(x, _TURN), x[_JUMPED] != 0.0)
+    return FilterState(time_ns, motion, schedule, x[_HOLD], _vector(x, _TURN), x[_JUMPED] != 0.0)
 
 
 @compiled
-def _numbers(chase: Chase) -> Array:
-    motion, x = chase.motion, np.empty(24)
+def _numbers(cascade_jerk: FilterState) -> Array:
+    motion, x = cascade_jerk.motion, np.empty(24)
     for axis in range(3):
         x[axis], x[3 + axis], x[6 + axis] = motion.position[axis], motion.velocity[axis], motion.acceleration[axis]
         x[13 + axis], x[16 + axis] = motion.rate[axis], motion.angular_acceleration[axis]
-        x[_TURN + axis] = chase.turn[axis]
+        x[_TURN + axis] = cascade_jerk.turn[axis]
     for part in range(4):
         x[9 + part] = motion.orientation[part]
-    x[_HOLD], x[_JUMPED] = chase.hold_s, 1.0 if chase.jumped else 0.0
+    x[_HOLD], x[_JUMPED] = cascade_jerk.hold_s, 1.0 if cascade_jerk.jumped else 0.0
     return x
 
 
-NOWHERE = Course(
-    Sample(0, 0, ZERO, IDENTITY), Curve(0, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, IDENTITY), Latency(), Latency(), 1.0
+NO_PREDICTION = TargetPrediction(
+    StreamSample(0, 0, ZERO, IDENTITY),
+    TargetCurve(0, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, IDENTITY),
+    Latency(),
+    Latency(),
+    1.0,
 )
 """Stands in for the course before the first sample."""
 
 
-class Packed(NamedTuple):
+class PredictionArrays(NamedTuple):
     """A course and a pace as two arrays: handing these to compiled code takes a tenth of what the tuples take."""
 
     times_ns: NDArray[np.int64]
     numbers: Array
 
 
-def packed(course: Course, pace: Pace) -> Packed:
-    """For :func:`pursued`; made anew with every sample, used at every tick."""
-    newest, curve, linear, angular = course.newest, course.curve, course.linear_latency, course.angular_latency
+def as_arrays(prediction: TargetPrediction, bounds: TrackingBounds) -> PredictionArrays:
+    """For :func:`advanced_filter`; made anew with every sample, used at every tick."""
+    newest, curve, linear, angular = (
+        prediction.newest,
+        prediction.curve,
+        prediction.linear_latency,
+        prediction.angular_latency,
+    )
     times_ns = newest.time_ns, newest.received_ns, curve.time_ns, linear.time_ns, angular.time_ns
     numbers = np.array(
         (
@@ -178,19 +190,19 @@ def packed(course: Course, pace: Pace) -> Packed:
             *curve.rate,
             *curve.bend,
             *curve.orientation,
-            *(linear.value_s, linear.goal_s, angular.value_s, angular.goal_s, course.period_s),
-            *pace.linear,
-            *pace.angular,
-            *(pace.bandwidth, pace.max_bandwidth, pace.timeout_s),
+            *(linear.value_s, linear.goal_s, angular.value_s, angular.goal_s, prediction.period_s),
+            *bounds.linear,
+            *bounds.angular,
+            bounds.timeout_s,
         )
     )
-    return Packed(np.array(times_ns, dtype=np.int64), numbers)
+    return PredictionArrays(np.array(times_ns, dtype=np.int64), numbers)
 
 
 @compiled
-def _unpacked(times_ns: NDArray[np.int64], x: Array) -> tuple[Course, Pace]:
-    newest = Sample(times_ns[0], times_ns[1], _vector(x, 0), _quaternion(x, 3))
-    curve = Curve(
+def _from_arrays(times_ns: NDArray[np.int64], x: Array) -> tuple[TargetPrediction, TrackingBounds]:
+    newest = StreamSample(times_ns[0], times_ns[1], _vector(x, 0), _quaternion(x, 3))
+    curve = TargetCurve(
         times_ns[2],
         _vector(x, 7),
         _vector(x, 10),
@@ -201,8 +213,8 @@ def _unpacked(times_ns: NDArray[np.int64], x: Array) -> tuple[Course, Pace]:
         _quaternion(x, 25),
     )
     linear, angular = Latency(x[29], x[30], times_ns[3]), Latency(x[31], x[32], times_ns[4])
-    pace = Pace(Bounds(x[34], x[35], x[36], x[37]), Bounds(x[38], x[39], x[40], x[41]), x[42], x[43], x[44])
-    return Course(newest, curve, linear, angular, x[33]), pace
+    bounds = TrackingBounds(Bounds(x[34], x[35], x[36], x[37]), Bounds(x[38], x[39], x[40], x[41]), x[42])
+    return TargetPrediction(newest, curve, linear, angular, x[33]), bounds
 
 
 @compiled
@@ -222,10 +234,10 @@ def gap_period_s(period_s: float) -> float:
 
 
 @compiled
-def pursued(
+def advanced_filter(
     before_ns: int,
     before: Array,
-    plan: Array,
+    schedule: Array,
     times_ns: NDArray[np.int64],
     numbers: Array,
     follows: bool,
@@ -234,88 +246,92 @@ def pursued(
 ) -> tuple[int, Array, Array, Array, Array]:
     """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow, with what is to be remembered.
 
-    ``before_ns``, ``before``, ``plan``: :class:`Pursuit`; ``times_ns`` and ``numbers``: :class:`Packed`. Unless it
+    ``before_ns``, ``before``, ``schedule``: :class:`PackedFilterState`; ``times_ns`` and ``numbers``: :class:`PredictionArrays`. Unless it
     ``follows`` the course it comes to rest. Time never runs backwards: an earlier ``time_ns`` gives the present state
     again. Returns a Pursuit's parts, pose (4, 4) and twist (6,) of a Motion.
     """
-    course, pace = _unpacked(times_ns, numbers)
-    now = _caught_up(_chase(before_ns, before, plan), course, follows, pace, time_ns)
-    then = Chase(now.time_ns, now.motion, now.plan, hold_s, now.turn, now.jumped)
-    new_plan = empty_plan(hold_s)
+    prediction, bounds = _from_arrays(times_ns, numbers)
+    now = _caught_up(_state(before_ns, before, schedule), prediction, follows, bounds, time_ns)
+    then = FilterState(now.time_ns, now.motion, now.schedule, hold_s, now.turn, now.jumped)
+    new_plan = empty_schedule(hold_s)
     for step, row in enumerate(new_plan):
-        then, jerk = _stepped(then, course, follows, pace, now.time_ns + round(step * row[6] * NS), row[6])
+        then, jerk = _stepped(then, prediction, follows, bounds, now.time_ns + round(step * row[6] * NS), row[6])
         write_jerk(row, jerk)
-    after = Chase(now.time_ns, now.motion, new_plan, hold_s, then.turn, then.jumped)
-    return now.time_ns, _numbers(after), new_plan, pose_of(now.motion), mean_twist(now.motion, then.motion, hold_s)
+    after = FilterState(now.time_ns, now.motion, new_plan, hold_s, then.turn, then.jumped)
+    return now.time_ns, _numbers(after), new_plan, pose_matrix(now.motion), mean_twist(now.motion, then.motion, hold_s)
 
 
 @compiled
-def _caught_up(before: Chase, course: Course, follows: bool, pace: Pace, time_ns: int) -> Chase:
+def _caught_up(
+    before: FilterState, prediction: TargetPrediction, follows: bool, bounds: TrackingBounds, time_ns: int
+) -> FilterState:
     """At ``time_ns``: as planned first, and where the tick is late, on from there."""
     if time_ns <= before.time_ns:
         return before
     elapsed_s = min((time_ns - before.time_ns) / NS, LONGEST_CATCH_UP_S)
-    motion, left_s = carried_out(before.motion, before.plan, elapsed_s)
-    now = Chase(before.time_ns, motion, before.plan, before.hold_s, before.turn, before.jumped)
+    motion, left_s = executed(before.motion, before.schedule, elapsed_s)
+    now = FilterState(before.time_ns, motion, before.schedule, before.hold_s, before.turn, before.jumped)
     while left_s > 1e-9:
         part_s = min(LONGEST_STEP_S, left_s)
-        now, _ = _stepped(now, course, follows, pace, time_ns - round(left_s * NS), part_s)
+        now, _ = _stepped(now, prediction, follows, bounds, time_ns - round(left_s * NS), part_s)
         left_s -= part_s
-    return Chase(time_ns, now.motion, now.plan, now.hold_s, now.turn, now.jumped)
+    return FilterState(time_ns, now.motion, now.schedule, now.hold_s, now.turn, now.jumped)
 
 
 @compiled
-def _stepped(now: Chase, course: Course, follows: bool, pace: Pace, time_ns: int, step_s: float) -> tuple[Chase, Jerk]:
+def _stepped(
+    now: FilterState, prediction: TargetPrediction, follows: bool, bounds: TrackingBounds, time_ns: int, step_s: float
+) -> tuple[FilterState, Jerk]:
     """One step of the cascade, from where the motion is at ``time_ns``; and its jerk."""
     motion = now.motion
-    omega = min(pace.bandwidth / course.period_s, pace.max_bandwidth)
+    omega = min(BANDWIDTH / prediction.period_s, MAX_BANDWIDTH)
     goal, way, turn, jumped = resting(motion.position, motion.orientation), ZERO, ZERO, now.jumped
     if follows:
-        goal = _goal(course, pace.timeout_s, now.hold_s, time_ns)
+        goal = _goal(prediction, bounds.timeout_s, now.hold_s, time_ns)
         way = difference(goal.position, motion.position)
         turn = orientation_error(goal.orientation, motion.orientation, now.turn)
         jumped = jumped and not (length(way) < ARRIVED_M and length(turn) < ARRIVED_RAD)
-    linear = chase(
-        way, motion.velocity, motion.acceleration, goal.velocity, goal.acceleration, omega, pace.linear, step_s
+    linear = cascade_jerk(
+        way, motion.velocity, motion.acceleration, goal.velocity, goal.acceleration, omega, bounds.linear, step_s
     )
-    angular = chase(
+    angular = cascade_jerk(
         turn,
         motion.rate,
         motion.angular_acceleration,
         goal.rate,
         goal.angular_acceleration,
         omega,
-        pace.angular,
+        bounds.angular,
         step_s,
     )
     jerk = Jerk(linear, angular, step_s)
-    return Chase(now.time_ns, move(motion, jerk, step_s), now.plan, now.hold_s, turn, jumped), jerk
+    return FilterState(now.time_ns, integrate(motion, jerk, step_s), now.schedule, now.hold_s, turn, jumped), jerk
 
 
 @compiled
-def _goal(course: Course, timeout_s: float, hold_s: float, time_ns: int) -> RigidMotion:
+def _goal(prediction: TargetPrediction, timeout_s: float, hold_s: float, time_ns: int) -> RigidMotion:
     """Where the target is now: along the curve while samples come, at rest a little further when they stop."""
-    newest, period_s = course.newest, gap_period_s(course.period_s)
-    age_s = (time_ns - course.curve.time_ns) / NS
+    newest, period_s = prediction.newest, gap_period_s(prediction.period_s)
+    age_s = (time_ns - prediction.curve.time_ns) / NS
     silent_s = (time_ns - newest.received_ns) / NS
-    pace, change, back = 1.0, 0.0, 1.0
+    time_rate, change, back = 1.0, 0.0, 1.0
     over_s = silent_s - BRIDGE_PERIODS * period_s - hold_s  # what arrives meanwhile is seen at the next tick
     if over_s > 0.0:
         if over_s < period_s:
             age_s -= 0.5 * over_s * over_s / period_s
-            pace, change = 1.0 - over_s / period_s, -1.0 / period_s
+            time_rate, change = 1.0 - over_s / period_s, -1.0 / period_s
         else:
             age_s -= over_s - 0.5 * period_s
-            pace = 0.0
+            time_rate = 0.0
         left = 1.0 - (silent_s - timeout_s) / (BLEND_PERIODS * period_s)
         if left <= 0.0:
             return resting(newest.position, newest.orientation)
         if left < 1.0:
-            back = left * left * (3.0 - 2.0 * left)
-    linear_s, linear_rate = lag_at(course.linear_latency, time_ns)
-    angular_s, angular_rate = lag_at(course.angular_latency, time_ns)
+            back = smoothstep(left)
+    linear_s, linear_rate = latency_at(prediction.linear_latency, time_ns)
+    angular_s, angular_rate = latency_at(prediction.angular_latency, time_ns)
     return evaluate(
-        course.curve,
-        Moment(back * (age_s - linear_s), pace * (1.0 - linear_rate), change),
-        Moment(back * (age_s - angular_s), pace * (1.0 - angular_rate), change),
+        prediction.curve,
+        CurveParameter(back * (age_s - linear_s), time_rate * (1.0 - linear_rate), change),
+        CurveParameter(back * (age_s - angular_s), time_rate * (1.0 - angular_rate), change),
     )

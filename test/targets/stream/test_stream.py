@@ -79,8 +79,8 @@ def clean(
 def check_bounds(run: Run, settings: TargetSettings = SETTINGS, slack: float = 1.02) -> None:
     """Finite differences of the twists, which are means over an interval: their k-th differences are means too."""
     for half, speed, acceleration, jerk in (
-        (slice(0, 3), settings.max_linear_speed, settings.max_linear_acceleration, settings.max_linear_jerk),
-        (slice(3, 6), settings.max_angular_speed, settings.max_angular_acceleration, settings.max_angular_jerk),
+        (slice(0, 3), settings.max_speed[0], settings.max_acceleration[0], settings.max_jerk[0]),
+        (slice(3, 6), settings.max_speed[1], settings.max_acceleration[1], settings.max_jerk[1]),
     ):
         v = run.twists_s()[:, half]
         a = np.diff(v, axis=0) / TICK_S
@@ -186,14 +186,7 @@ def test_speed_acceleration_and_jerk_are_bounded_whatever_comes(seed: int) -> No
 
 def test_tighter_bounds_are_kept_too() -> None:
     """Bounds come from the settings, not from the defaults."""
-    tight = TargetSettings(
-        max_linear_speed=0.2,
-        max_angular_speed=0.5,
-        max_linear_acceleration=1.0,
-        max_angular_acceleration=2.0,
-        max_linear_jerk=20.0,
-        max_angular_jerk=40.0,
-    )
+    tight = TargetSettings(max_speed=(0.2, 0.5), max_acceleration=(1.0, 2.0), max_jerk=(20.0, 40.0))
     check_bounds(Run(pose(), tight).go(4.0, hostile(11)), tight)
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ik_node.math import quaternion as quat
 from ik_node.math.quaternion import IDENTITY, Vector
 from ik_node.math.types import Array
-from ik_node.targets.stream.predictors import PREDICTORS, Bank, begun, updated, variance_ratio
-from ik_node.targets.stream.sampling_clock import Cadence, followed, restarted
+from ik_node.targets.stream.predictors import PREDICTORS, PredictorBank, new_bank, updated_bank, variance_ratio
+from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
 
 
 def triple(values: NDArray[Any]) -> Vector:
@@ -28,12 +28,12 @@ def test_quaternions_do_what_matrices_do() -> None:
         axis = rng.normal(size=3)
         turn = size * axis / np.linalg.norm(axis)
         matrix = pin.exp3(turn)
-        quaternion = quat.from_vector(triple(turn))
+        quaternion = quat.from_rotation_vector(triple(turn))
         np.testing.assert_allclose(quat.to_matrix(quaternion), matrix, atol=1e-15)
-        np.testing.assert_allclose(quat.to_vector(quaternion), turn, atol=1e-9 if size > 3.1 else 1e-15)
+        np.testing.assert_allclose(quat.to_rotation_vector(quaternion), turn, atol=1e-9 if size > 3.1 else 1e-15)
         np.testing.assert_allclose(quat.to_matrix(quat.from_matrix(matrix)), matrix, atol=1e-15)
         v = rng.normal(size=3)
-        np.testing.assert_allclose(quat.rotate_back(quaternion, triple(v)), matrix.T @ v, atol=1e-14)
+        np.testing.assert_allclose(quat.rotate_inverse(quaternion, triple(v)), matrix.T @ v, atol=1e-14)
         other = pin.exp3(rng.normal(size=3))
         product = quat.multiply(quaternion, quat.from_matrix(other))
         np.testing.assert_allclose(quat.to_matrix(product), matrix @ other, atol=1e-14)
@@ -46,10 +46,10 @@ def test_half_turns_are_read_from_matrices(turn: Vector) -> None:
     np.testing.assert_allclose(quat.to_matrix(quat.from_matrix(matrix)), matrix, atol=1e-15)
 
 
-def rhythm(times_s: Array) -> list[Cadence]:
-    steps = [restarted(Cadence(), round(float(times_s[0]) * 1e9))]
+def rhythm(times_s: Array) -> list[SamplingClock]:
+    steps = [reset(SamplingClock(), round(float(times_s[0]) * 1e9))]
     for time_s in times_s[1:].tolist():
-        steps.append(followed(steps[-1], round(time_s * 1e9)))
+        steps.append(updated(steps[-1], round(time_s * 1e9)))
     return steps
 
 
@@ -87,10 +87,10 @@ def test_a_new_rhythm_is_learnt() -> None:
         assert abs(steps[index].offset_s) < 5e-4
 
 
-def fed(times_s: NDArray[Any], positions: NDArray[Any], turns: NDArray[Any]) -> Bank:
-    bank = begun(triple(positions[0]), quat.from_vector(triple(turns[0])), None, False)
+def fed(times_s: NDArray[Any], positions: NDArray[Any], turns: NDArray[Any]) -> PredictorBank:
+    bank = new_bank(triple(positions[0]), quat.from_rotation_vector(triple(turns[0])), None, False)
     for dt, position, turn in zip(np.diff(times_s), positions[1:], turns[1:], strict=True):
-        bank = updated(bank, triple(position), quat.from_vector(triple(turn)), (dt, dt), 0.05)
+        bank = updated_bank(bank, triple(position), quat.from_rotation_vector(triple(turn)), (dt, dt), 0.05)
     return bank
 
 
@@ -164,7 +164,7 @@ def test_a_jump_forgets_the_motion_but_not_who_foretold_it() -> None:
     """After a jump the target is at rest until two samples say otherwise."""
     times = 0.05 * np.arange(50)
     before = fed(times, np.outer(times, (0.1, 0.0, 0.0)), np.zeros((50, 3)))
-    after = begun((1.0, 0.0, 0.0), IDENTITY, before, False)
+    after = new_bank((1.0, 0.0, 0.0), IDENTITY, before, False)
     position, velocity, *_ = after.curve()
     assert position == pytest.approx((1.0, 0.0, 0.0))
     assert velocity == pytest.approx((0.0, 0.0, 0.0))

@@ -33,7 +33,8 @@ from ik_node.math.se3 import exp_rotation
 from ik_node.math.types import Array
 from ik_node.settings.groups import TargetSettings
 from ik_node.targets.stream.stream import StreamedPoses
-from ik_node.trajectory.pose_file import PoseFileFormat, load
+from ik_node.trajectory.pose_file import load
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 
 
 class Screw:
@@ -91,7 +92,7 @@ def test_made_streams_are_followed_as_asked(stream: Stream, dirt: Dirt) -> None:
 def test_a_predictable_target_is_followed_without_latency_and_none_is_kept_when_told_so() -> None:
     """The latency is for targets that cannot be foretold, and the settings bound it."""
     smooth, hard = StreamedPoses(TargetSettings()), StreamedPoses(TargetSettings())
-    never = StreamedPoses(TargetSettings(latency_linear=0.0, latency_angular=0.0))
+    never = StreamedPoses(TargetSettings(), max_latency=(0.0, 0.0))
     follow(smooth, eight(50.0), sent(eight(50.0), STAMPED, 0))
     for stream in (hard, never):
         follow(stream, wander(20.0), sent(wander(20.0), CLEAN, 0))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         CollisionUnavailableError,
         IkNodeError,
         InputError,
+        MissingPackageError,
         RecordingError,
         RobotError,
         SceneError,
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from ik_node.interfaces.samples import JointSample, PoseSample
     from ik_node.interfaces.step import Step
     from ik_node.inverse_kinematics.pose_solver import solve_pose
-    from ik_node.recording.run_reader import read_run
+    from ik_node.recording.run_reader import load_run
     from ik_node.robot.catalogue import load_robot
     from ik_node.robot.robot import Robot
     from ik_node.robot.simulated_arm import SimulatedArm
@@ -56,6 +57,7 @@ __all__ = [
     "InputError",
     "Instant",
     "JointSample",
+    "MissingPackageError",
     "PoseSample",
     "RecordingError",
     "Robot",
@@ -70,7 +72,7 @@ __all__ = [
     "TrajectoryFileError",
     "UnknownNameError",
     "load_robot",
-    "read_run",
+    "load_run",
     "resolve",
     "solve",
     "solve_pose",
@@ -88,7 +90,7 @@ if not TYPE_CHECKING:  # a type checker reads the imports above and reports unkn
         "SimulatedArm": "robot.simulated_arm",
         "Step": "interfaces.step",
         "load_robot": "robot.catalogue",
-        "read_run": "recording.run_reader",
+        "load_run": "recording.run_reader",
         "resolve": "differential_ik.closed_form",
         "solve": "differential_ik.constrained",
         "solve_pose": "inverse_kinematics.pose_solver",
@@ -101,7 +103,15 @@ if not TYPE_CHECKING:  # a type checker reads the imports above and reports unkn
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module
 
-        value = getattr(import_module(f"{__name__}.{_MODULES.get(name, 'errors')}"), name)
+        from ik_node.errors import EXTRAS, MissingPackageError
+
+        try:
+            module = import_module(f"{__name__}.{_MODULES.get(name, 'errors')}")
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] in EXTRAS:
+                raise MissingPackageError(error) from error
+            raise
+        value = getattr(module, name)
         globals()[name] = value
         return value
 

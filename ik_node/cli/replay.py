@@ -21,7 +21,7 @@ from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 
 if TYPE_CHECKING:
-    from ik_node.replay.what_if import Opened, Variant
+    from ik_node.replay.what_if import SourceFactory, Variant
     from ik_node.report.ground_truth import GroundTruth
 
 DIFFERENT, UNUSABLE = 1, 2
@@ -79,11 +79,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _bitwise(options: argparse.Namespace) -> int:
-    from ik_node.recording.call_log import RecordedCalls
     from ik_node.replay import text
     from ik_node.replay.bitwise import replay
+    from ik_node.replay.call_source import RecordingSource
 
-    recorded = RecordedCalls(options.bag, options.node)
+    recorded = RecordingSource(options.bag, options.node)
     begin = time.perf_counter()
     found = replay(recorded)
     took_s = time.perf_counter() - begin
@@ -91,29 +91,37 @@ def _bitwise(options: argparse.Namespace) -> int:
         print(json.dumps({**text.as_plain(found), "took_s": took_s}, indent=1))
     else:
         print(text.as_text(recorded, found, took_s))
-    return 0 if found.holds else DIFFERENT
+    return 0 if found.passed else DIFFERENT
 
 
-def _what_if(opened: Opened, options: argparse.Namespace, external: bool) -> int:
-    from ik_node.recording.call_log import RecordedCalls
+def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool) -> int:
     from ik_node.replay import text
+    from ik_node.replay.call_source import RecordingSource
     from ik_node.replay.external_bag import ExternalBag
-    from ik_node.replay.what_if import RECORDED, Variant, compare, compare_open_loop, parsed, truth_of, variants
+    from ik_node.replay.what_if import (
+        RECORDED,
+        Variant,
+        compare,
+        compare_open_loop,
+        ground_truth_of,
+        make_variants,
+        parse_assignment,
+    )
     from ik_node.report.ground_truth import ground_truth_from_targets
 
     source = opened()
     first = Variant("as configured", {}) if external else RECORDED
-    wanted = (first, *variants(source.begins_with, options.method, dict(map(parsed, options.set))))
+    wanted = (first, *make_variants(source.initial_settings, options.method, dict(map(parse_assignment, options.set))))
     if isinstance(source, ExternalBag):
         truth = ground_truth_from_targets(source.targets(), source.base_frame)
     else:
-        truth = truth_of(options.bag, options.node)
+        truth = ground_truth_of(options.bag, options.node)
     begin = time.perf_counter()
     found = compare(opened, wanted, truth, max(1, options.jobs or 1))
     took_s = time.perf_counter() - begin
     commands = []
     if options.open_loop and not external:
-        commands = compare_open_loop(partial(RecordedCalls, options.bag, options.node), wanted[1:])
+        commands = compare_open_loop(partial(RecordingSource, options.bag, options.node), wanted[1:])
     if options.json:
         document = {
             "closed_loop": [dataclasses.asdict(run) for run in found],
@@ -134,12 +142,12 @@ def _what_if(opened: Opened, options: argparse.Namespace, external: bool) -> int
     return 0
 
 
-def _own_bag(options: argparse.Namespace) -> Opened:
+def _own_bag(options: argparse.Namespace) -> SourceFactory:
     """Return the recorded calls; raises RecordingError listing the topics of the bag if ik_node did not record it."""
-    from ik_node.recording.call_log import RecordedCalls
+    from ik_node.replay.call_source import RecordingSource
     from ik_node.replay.external_bag import is_external_bag
 
-    opened = partial(RecordedCalls, options.bag, options.node)
+    opened = partial(RecordingSource, options.bag, options.node)
     try:
         opened()
     except RecordingError:
@@ -153,7 +161,7 @@ def _against(truth: GroundTruth | None) -> str:
     return "nothing: there were no targets" if truth is None else f"the {truth.source}"
 
 
-def _record(opened: Opened, wanted: Sequence[Variant], out: Path) -> None:
+def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> None:
     """Record every run on its own, for ``ik_report`` and ``ik_view``."""
     from ik_node.replay.rerecord import record_simulation
 
@@ -163,7 +171,7 @@ def _record(opened: Opened, wanted: Sequence[Variant], out: Path) -> None:
         print(f"recording {out / name}", file=sys.stderr)
 
 
-def _external_bag(options: argparse.Namespace) -> Opened:
+def _external_bag(options: argparse.Namespace) -> SourceFactory:
     """Return the bag with the settings of the command line."""
     from ik_node import resources
     from ik_node.replay.external_bag import ExternalBag
@@ -191,11 +199,11 @@ def _remapping(argument: str) -> tuple[str, str]:
     return topic, name
 
 
-def _publish(opened: Opened, options: argparse.Namespace) -> int:
+def _publish(opened: SourceFactory, options: argparse.Namespace) -> int:
     # The other tasks need no ROS.
-    from ik_node.ros.bag_player import feed
+    from ik_node.ros.bag_player import play
 
-    counts = feed(opened(), options.to, options.input)
+    counts = play(opened(), options.to, options.input)
     print(json.dumps(counts) if options.json else "published " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     return 0
 

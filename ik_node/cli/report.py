@@ -44,13 +44,13 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the report; return 0, or 2 when a file cannot be read or written."""
     options = parser().parse_args(arguments)
-    from ik_node.report.atomic_write import writer_for
+    from ik_node.report.atomic_write import write_report
     from ik_node.report.reported_run import read_reported_runs
 
     try:
         reported_runs = read_reported_runs(options.bag, options.truth)
         for path in _files(reported_runs, options.kinds or [], options.out):
-            writer_for(path)(reported_runs, path)
+            write_report(reported_runs, path)
             print(path, file=sys.stderr)  # stdout holds the report
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -61,13 +61,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _files(reported_runs: Sequence[ReportedRun], kinds: Sequence[str], out: Path | None) -> tuple[Path, ...]:
     """Return the files to write: ``out``, and one beside it per kind that differs from its suffix."""
-    from ik_node.report.atomic_write import writer_for
+    from ik_node.report.atomic_write import check_suffix
 
     if out is not None:
         endings = [f".{kind}" for kind in kinds if f".{kind}" != out.suffix.lower()]
         asked = [out] if len(endings) < len(kinds) or not kinds else []
         for path in asked:
-            writer_for(path)
+            check_suffix(path)
         return (*asked, *(out.with_suffix(ending) for ending in endings))
     names = [reported.name.replace("/", "_") for reported in reported_runs]
     more = [f"{len(names) - MOST_IN_NAME}_more"] if len(names) > MOST_IN_NAME else []
@@ -79,7 +79,7 @@ def _as_text(reported_runs: Sequence[ReportedRun]) -> str:
     from ik_node.report import as_text
     from ik_node.report.table import as_table
 
-    return as_text(reported_runs[0].report) if len(reported_runs) == 1 else as_table(reported_runs)
+    return as_text(reported_runs[0].metrics) if len(reported_runs) == 1 else as_table(reported_runs)
 
 
 def _as_json(reported_runs: Sequence[ReportedRun], bags: Sequence[Path]) -> str:
@@ -87,7 +87,7 @@ def _as_json(reported_runs: Sequence[ReportedRun], bags: Sequence[Path]) -> str:
     from ik_node.report import as_plain
 
     every = [
-        {"name": reported.name, "bag": str(bag), **as_plain(reported.report)}
+        {"name": reported.name, "bag": str(bag), **as_plain(reported.metrics)}
         for reported, bag in zip(reported_runs, bags, strict=True)
     ]
     return json.dumps(every[0] if len(every) == 1 else every, indent=2, allow_nan=False)

@@ -121,7 +121,7 @@ def _load(options: argparse.Namespace) -> Robot:
 
 
 def _robot(options: argparse.Namespace) -> int:
-    from ik_node.inverse_kinematics.newton_raphson import solve_pose
+    from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
     from ik_node.inverse_kinematics.pose_solver import PoseSolver
     from ik_node.math.numerics import checked_vector
 
@@ -135,7 +135,7 @@ def _robot(options: argparse.Namespace) -> int:
     )
     if pure:
         start = solver.start(0) if seed is None else seed
-        solution = solve_pose(
+        solution = solve_pose_newton(
             robot, pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
             max_iterations=solver.max_iterations,
         )  # fmt: skip
@@ -152,7 +152,7 @@ def _robot(options: argparse.Namespace) -> int:
 
 
 def _example_2r(options: argparse.Namespace) -> int:
-    from ik_node.inverse_kinematics.newton_raphson import solve_pose
+    from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
     from ik_node.inverse_kinematics.worked_examples import planar_2r
     from ik_node.math.numerics import checked_vector
 
@@ -161,7 +161,7 @@ def _example_2r(options: argparse.Namespace) -> int:
     if options.seed is not None:
         start = checked_vector(_numbers(options.seed, "--seed"), 2, "--seed")
     eps_omega, eps_v = _tolerances(options, 1e-3, 1e-4)
-    solution = solve_pose(
+    solution = solve_pose_newton(
         example.chain, example.pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
         max_iterations=_given(options.max_iterations, 100),
     )  # fmt: skip

@@ -73,7 +73,7 @@ def _view_bag(options: argparse.Namespace) -> None:
         while True:
             time.sleep(PERIOD_S)
             now_s = time.monotonic()
-            page.tick(now_s - last_s)
+            page.update(now_s - last_s)
             last_s = now_s
     finally:
         server.stop()

@@ -1,4 +1,4 @@
-"""Executables of this package as processes of their own, that are stopped whatever happens to us."""
+"""Nodes of this package as child processes that end with their parent."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from pathlib import Path
 from types import TracebackType
 
 END_WITH_PARENT = "IK_NODE_END_WITH_PARENT"
-"""Set in the environment of a process that must not outlive the one that started it."""
+"""Environment variable of a process that must end with its parent."""
 PR_SET_PDEATHSIG = 1
 
 
-def end_with_parent_if_asked() -> None:
-    """Asks Linux to interrupt this process when its parent dies, so that no arm is driven by an orphan."""
+def end_with_parent_if_requested() -> None:
+    """Let Linux send SIGINT to this process when its parent ends, so that no orphan moves an arm."""
     if os.environ.get(END_WITH_PARENT) == "1" and sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 class NodeProcess:
-    """A node in a process of its own, in a session of its own: a Ctrl-C reaches it through us, in our order."""
+    """A node in a child process with a session of its own: Ctrl-C in the terminal reaches the parent only."""
 
     def __init__(self, module: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
+        """Start ``python -m module --ros-args arguments``; its output goes to ``log``."""
         self.module = module
         self.log = log
         with log.open("wb") as output:
@@ -40,16 +41,16 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """Its number."""
+        """Process id."""
         return self._process.pid
 
     @property
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code; None while the process runs."""
         return self._process.poll()
 
     def stop(self, signal_number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
-        """Asks it to end, insists after ``timeout_s``; returns its exit code."""
+        """Send a signal, and SIGKILL after ``timeout_s``; return the exit code."""
         if self._process.poll() is None:
             self._process.send_signal(signal_number)
             try:
@@ -58,8 +59,8 @@ class NodeProcess:
                 self._process.kill()
         return self._process.wait()
 
-    def last_words(self) -> str:
-        """The end of what it printed."""
+    def log_tail(self) -> str:
+        """Return the last lines of the output."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-10:])
 
     def __enter__(self) -> NodeProcess:

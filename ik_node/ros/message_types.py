@@ -1,4 +1,4 @@
-"""rclpy's classes of messages by name."""
+"""Classes of ROS messages by type name."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from typing import Any
 
 
 def message_class(type_name: str) -> Any:
-    """The class of ``package/msg/Name``."""
+    """Return the class of ``package/msg/Name``."""
     package, folder, name = type_name.split("/")
     return getattr(import_module(f"{package}.{folder}"), name)

@@ -1,4 +1,4 @@
-"""A Step on the node's topics, the command first."""
+"""Publishes a Step on the topics of the node, the command first."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from visualization_msgs.msg import MarkerArray
 from ik_node.collision.scene import Scene
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.step import Status, Step
-from ik_node.messages import encode
-from ik_node.messages.encode import Outgoing, StepOutputs
+from ik_node.messages import encode, step_outputs
+from ik_node.messages.encode import Outgoing
 from ik_node.messages.markers import SceneMarkers
+from ik_node.messages.step_outputs import StepOutputs
 from ik_node.robot.robot import Robot
 from ik_node.ros import qos
 from ik_node.settings.groups import Settings
@@ -34,13 +35,13 @@ MESSAGE_TYPES = {
     encode.STATUS: DiagnosticStatus,
     encode.DIAGNOSTICS: DiagnosticArray,
 }
-LAST_WORD = Duration(seconds=0.2)
-"""Longest wait until those who listen have the last there is to say."""
+ACK_TIMEOUT = Duration(seconds=0.2)
+"""Longest wait for subscribers to acknowledge a final message."""
 SPECIAL_QOS = {encode.COMMANDS: qos.COMMAND, encode.STATUS: qos.LATCHED}
 
 
 class StepPublisher:
-    """Publishes bytes that :mod:`ik_node.messages` made, so that a recording holds exactly what was sent."""
+    """Publishes bytes made by :mod:`ik_node.messages`; a recording stores the same bytes."""
 
     def __init__(self, node: Any) -> None:
         self._name = node.get_fully_qualified_name()
@@ -51,7 +52,7 @@ class StepPublisher:
             for topic, kind in MESSAGE_TYPES.items()
         }
         self.topics = {topic: publisher.topic_name for topic, publisher in self._publishers.items()}
-        # Not among the recorded topics: made of what is recorded, and only while somebody looks.
+        # Markers are not recorded: they follow from recorded data, and are only made while there is a subscriber.
         self._marker_publisher = node.create_publisher(MarkerArray, "~/markers", qos.OUTPUT)
         self._markers: SceneMarkers | None = None
         self._outputs: StepOutputs | None = None
@@ -61,19 +62,19 @@ class StepPublisher:
         self._joint_count = 0
 
     def configure(self, robot: Robot, settings: Settings) -> None:
-        """From now on Steps are those of this robot."""
+        """Prepare the messages for Steps of ``robot``."""
         self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
         self._markers = SceneMarkers(robot.base_frame)
         self._method = settings.control.method
         self._joint_count = robot.n
 
     @property
-    def listeners(self) -> int:
-        """How many listen to the commands."""
+    def command_subscribers(self) -> int:
+        """Number of subscriptions to the commands."""
         return int(self._publishers[encode.COMMANDS].get_subscription_count())
 
-    def step(self, step: Step) -> list[Outgoing]:
-        """Publishes a step; returns what was sent, the command first."""
+    def publish_step(self, step: Step) -> list[Outgoing]:
+        """Publish ``step``; return the messages, the command first."""
         if self._outputs is None:
             return []
         command = Outgoing(encode.COMMANDS, self._outputs.command(step))
@@ -86,39 +87,39 @@ class StepPublisher:
             self._markers.see(step)
         return [command, *others]
 
-    def zeros(self) -> None:
-        """One more zero command: harmless, and certain to be the last word.
+    def publish_zero(self) -> None:
+        """Publish a final zero command and wait until it is acknowledged.
 
-        Waits a moment until it has arrived: a process that ends at once takes it along.
+        Without the wait a process that ends at once can lose the message.
         """
         self._publishers[encode.COMMANDS].publish(encode.encode_command(np.zeros(self._joint_count)))
-        self._publishers[encode.COMMANDS].wait_for_all_acked(LAST_WORD)
+        self._publishers[encode.COMMANDS].wait_for_all_acked(ACK_TIMEOUT)
 
-    def status(self, status: Status) -> Outgoing | None:
-        """Publishes the status if it has changed since last time."""
+    def publish_status(self, status: Status) -> Outgoing | None:
+        """Publish ``status`` if it has changed; return the message, or None."""
         if status == self._last_status:
             return None
         self._last_status = status
-        said = Outgoing(encode.STATUS, encode.encode_status(status, self._name, self._values()))
-        self._publishers[encode.STATUS].publish(said.data)
-        return said
+        message = Outgoing(encode.STATUS, encode.encode_status(status, self._name, self._values()))
+        self._publishers[encode.STATUS].publish(message.data)
+        return message
 
-    def diagnostics(self, status: Status, now: Instant, values: Mapping[str, str]) -> Outgoing:
-        """Publishes /diagnostics, with these ``values`` beside those of the last step."""
+    def publish_diagnostics(self, status: Status, now: Instant, values: Mapping[str, str]) -> Outgoing:
+        """Publish /diagnostics with ``values`` and those of the last Step; return the message."""
         data = encode.encode_diagnostics([(status, self._name, {**self._values(), **values})], now.ros_ns)
         self._publishers[encode.DIAGNOSTICS].publish(data)
         return Outgoing(encode.DIAGNOSTICS, data)
 
-    def markers(self, scene: Scene, now: Instant) -> None:
-        """Publishes the run as markers, if anybody looks; what was missed meanwhile is in the next ones."""
+    def publish_markers(self, scene: Scene, now: Instant) -> None:
+        """Publish the markers if there is a subscriber; the next ones include the tool path in between."""
         if self._markers is not None and self._marker_publisher.get_subscription_count():
             self._marker_publisher.publish(self._markers.say(scene, now))
 
-    def no_markers(self, now: Instant) -> None:
-        """Takes the markers away, from those who look; waits a moment, since the process may be about to end."""
+    def delete_markers(self, now: Instant) -> None:
+        """Delete the markers of subscribers and wait until they acknowledge it."""
         if self._markers is not None and self._marker_publisher.get_subscription_count():
             self._marker_publisher.publish(self._markers.end(now))
-            self._marker_publisher.wait_for_all_acked(LAST_WORD)
+            self._marker_publisher.wait_for_all_acked(ACK_TIMEOUT)
 
     def _values(self) -> dict[str, str]:
-        return {} if self._last is None else encode.step_values(self._last, self._method)
+        return {} if self._last is None else step_outputs.step_values(self._last, self._method)

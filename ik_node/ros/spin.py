@@ -1,8 +1,8 @@
-"""Start, spin and stop of a process with one node, so that the last word to the robot always gets out.
+"""Start, spin and stop a process with one node, so that the final zero command is always sent.
 
-rclpy's own signal handling invalidates the context before a last zero command can leave, and loses signals under
-traffic; so signals only set a future here, and a timer lets Python see them. EventsExecutor is the one that keeps up at
-1 kHz; it must never be given an infinite deadline.
+The signal handlers of rclpy invalidate the context before a final zero command can be sent, and lose signals under
+load. Here signals only complete a future, and a timer lets Python run its signal handlers. EventsExecutor is the
+executor that keeps up at 1 kHz; it hangs on an infinite timeout.
 """
 
 from __future__ import annotations
@@ -20,20 +20,26 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from ik_node.errors import IkNodeError
-from ik_node.ros.child_process import end_with_parent_if_asked
+from ik_node.ros.child_process import end_with_parent_if_requested
 
 SIGNAL_POLL_S = 0.05
-"""How often Python gets to see a signal when nothing else happens."""
-LONGEST_S = 1e6
-"""Stands for "for ever": the executor hangs on an infinite deadline."""
+"""Longest time until Python handles a signal while no callback runs."""
+SPIN_TIMEOUT_S = 1e6
+"""Replaces an infinite timeout."""
 
 
 def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], arguments: Sequence[str] | None) -> int:
-    """Makes the node, spins it until SIGINT, SIGTERM or its future ``node.stopped``, calls ``finish(node, executor)``.
+    """Make a node and spin it until SIGINT or SIGTERM.
 
-    Returns the process's exit code; an error of ours on the way is printed and gives 1.
+    Args:
+        make_node: Makes the node, after rclpy was initialised.
+        finish: Called with node and executor before the node is destroyed.
+        arguments: Arguments for rclpy, without the program's name; None takes those of the process.
+
+    Returns:
+        Exit code of the process: 0, or 1 when ``make_node`` raised an IkNodeError, which is printed.
     """
-    end_with_parent_if_asked()
+    end_with_parent_if_requested()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     stopped = Future()
 
@@ -54,7 +60,7 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
     node.create_timer(SIGNAL_POLL_S, lambda: None)
     executor.add_node(node)
     try:
-        executor.spin_until_future_complete(stopped, LONGEST_S)
+        executor.spin_until_future_complete(stopped, SPIN_TIMEOUT_S)
     except ExternalShutdownException:
         pass
     finally:

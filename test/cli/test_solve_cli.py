@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ik_node.cli.solve import main
-from ik_node.inverse_kinematics.newton_raphson import solve_pose
+from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
 from ik_node.inverse_kinematics.worked_examples import planar_2r
 from ik_node.math import se3
 from ik_node.robot import catalogue
@@ -41,7 +41,7 @@ def test_example_2r_prints_the_table_of_the_notes(capsys: pytest.CaptureFixture[
 
 def test_example_2r_document_holds_full_doubles(capsys: pytest.CaptureFixture[str]) -> None:
     result = document(capsys, "--example", "2r")
-    solution = solve_pose(*planar_2r())
+    solution = solve_pose_newton(*planar_2r())
     assert (result["converged"], result["reason"], result["total_iterations"]) == (True, "converged", 3)
     assert result["twist_order"] == ["v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z"]
     assert result["twist_frame"] == "body"
@@ -74,7 +74,7 @@ def test_restarts_0_with_a_seed_is_pure_newton_raphson(capsys: pytest.CaptureFix
     pose = se3.pose_from([-0.5, 0.1, 0.1], [0.5, 0.5, -0.5, 0.5])
     start = np.array([float(text) for text in SEED[1:]])
     for form in ("body", "space"):
-        solution = solve_pose(robot, pose, start, eps_omega=1e-6, eps_v=1e-6, form=form)
+        solution = solve_pose_newton(robot, pose, start, eps_omega=1e-6, eps_v=1e-6, form=form)
         result = document(capsys, *UR5, *SEED, "--restarts", "0", "--form", form)
         assert [row["theta"] for row in result["iterations"]] == [row.theta.tolist() for row in solution.iterates]
         assert result["twist_frame"] == form

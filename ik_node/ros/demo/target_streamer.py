@@ -1,4 +1,4 @@
-"""Who leads the demonstration: streams a trajectory as poses and watches what comes of it."""
+"""The node of the demonstration that streams a trajectory as target poses and observes the result."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ik_node.robot.robot import Robot
 from ik_node.ros import qos
 
 
-class DemoNode(Node):  # type: ignore[misc]
-    """Publishes targets for ``/ik_node``; knows the arm's measured pose and the node's status."""
+class TargetStreamer(Node):  # type: ignore[misc]
+    """Publishes targets for ``/ik_node``; subscribes to joint states and to the status of the node."""
 
     def __init__(self, robot: Robot, executor: Any) -> None:
         super().__init__("ik_demo")
@@ -37,30 +37,37 @@ class DemoNode(Node):  # type: ignore[misc]
 
     @property
     def status(self) -> tuple[str, str]:
-        """Mode and reason, as the node last said; empty before."""
+        """Mode and reason of the last status; empty before the first one."""
         if self._status is None:
             return "", ""
         return next(entry.value for entry in self._status.values if entry.key == "mode"), self._status.message
 
     def measured_pose(self) -> Array:
-        """T_sb of the newest joint state."""
+        """Return T_sb of the newest joint state, (4, 4)."""
         if self._q is None:
-            raise IkNodeError("no joint state yet")
+            raise IkNodeError("no joint state has been received")
         return self._robot.pose(self._q)
 
-    def wait_until_ready(self, timeout_s: float, alive: Callable[[], None]) -> None:
-        """Waits until the node holds the arm and listens to us; ``alive`` raises when it is no use waiting."""
-        until = time.monotonic() + timeout_s
+    def wait_until_ready(self, timeout_s: float, check: Callable[[], None]) -> None:
+        """Wait until the node controls the arm and subscribes to the targets; ``check`` raises to end the wait."""
+        end_s = time.monotonic() + timeout_s
         while not (self.status[0] == "holding" and self._q is not None and self._targets.get_subscription_count()):
-            if time.monotonic() > until:
-                raise IkNodeError(f"node and robot were not ready within {timeout_s:g} s; last status: {self.status}")
+            if time.monotonic() > end_s:
+                raise IkNodeError(
+                    f"nodes not ready within {timeout_s:g} s; last status: {self.status}"
+                )
             self.spin(0.05)
-            alive()
+            check()
 
     def stream(self, targets: Iterator[tuple[float, Array]], each: Callable[[float], bool]) -> int:
-        """Publishes (time_s, T_sd) when their time has come, stamped with it; returns the ROS time of time 0.
+        """Publish target poses at their times.
 
-        ``each`` is called often with the time and ends the stream by returning False.
+        Args:
+            targets: (time_s, T_sd); the time is also the stamp.
+            each: Called with the time at least every 0.05 s; returns False to end the stream.
+
+        Returns:
+            ROS time of time 0, ns.
         """
         start_ns, start_ros_ns = time.monotonic_ns(), int(self.get_clock().now().nanoseconds)
         for time_s, pose_sd in targets:
@@ -72,15 +79,15 @@ class DemoNode(Node):  # type: ignore[misc]
             self._publish(pose_sd, start_ros_ns + round(time_s * NS))
         return start_ros_ns
 
-    def rest(self, duration_s: float) -> None:
-        """Lets time pass."""
-        until = time.monotonic() + duration_s
-        while time.monotonic() < until:
+    def spin_for(self, duration_s: float) -> None:
+        """Handle messages for ``duration_s``."""
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
             self.spin(0.05)
 
-    def spin(self, longest_s: float) -> None:
-        """Handles what has arrived; returns after ``longest_s`` at the latest."""
-        self._executor.spin_once(longest_s)
+    def spin(self, timeout_s: float) -> None:
+        """Handle one message, or return after ``timeout_s``."""
+        self._executor.spin_once(timeout_s)
 
     def _publish(self, pose_sd: Array, stamp_ns: int) -> None:
         quaternion = se3.quaternion_from_rotation(pose_sd[:3, :3])
@@ -88,8 +95,8 @@ class DemoNode(Node):  # type: ignore[misc]
 
     def _on_joint_state(self, data: bytes) -> None:
         sample = decode.decode_joint_state(data)
-        where = {name: index for index, name in enumerate(sample.names)}
-        self._q = np.array([sample.position[where[name]] for name in self._robot.joints])
+        index_of = {name: index for index, name in enumerate(sample.names)}
+        self._q = np.array([sample.position[index_of[name]] for name in self._robot.joints])
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         self._status = message

@@ -13,15 +13,17 @@ import numpy as np
 
 from ik_node.control.controller import Controller
 from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import Step
 from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.messages import decode, encode
-from ik_node.messages.encode import Outgoing, StepOutputs
+from ik_node.messages import decode, decode_targets, encode
+from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.input_table import JOINT_STATES, TARGET_POSE
+from ik_node.messages.step_outputs import StepOutputs
 from ik_node.recording.mcap.metadata import Qos
 from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 from ik_node.recording.run_recorder import RunRecording, RunSetup
+from ik_node.replay.recorded_controller import RecordedController, run_setup
 from ik_node.robot import catalogue
 from ik_node.robot.simulated_arm import SimulatedArm
 from ik_node.settings.groups import Settings
@@ -49,19 +51,21 @@ class PacedLoop:
 
     def __init__(self, rate_hz: float) -> None:
         self.settings = Settings().with_values({"rate_hz": rate_hz, "robot": "panda"})
-        self.robot = catalogue.robot_from(self.settings.arm)
+        self.robot = catalogue.robot_from_settings(self.settings.arm)
         self.controller = Controller(self.robot, self.settings)
         self._period_ns = round(NS / rate_hz)
         self._arm = SimulatedArm(START, self.robot.limits, time.monotonic_ns())
         self._outputs = StepOutputs(self.robot.joints, self.robot.base_frame, self.robot.tip_frame)
+        self._calls = RecordedController(self.controller, self._send)
+        self._sent_ns = 0
         self._trajectory = figure_of_eight(self.robot.pose(START))
         self._since_ns = time.monotonic_ns()
         self._targets = 0
 
     def setup(self) -> RunSetup:
-        """For a recording that begins now."""
-        state, geometry = self.controller.capture(), self.controller.geometry
-        return RunSetup("/ik_node", "panda", self.robot, self.settings, {}, state, geometry)
+        """Description of the run for a recording that starts now."""
+        controller = self.controller
+        return run_setup("/ik_node", self.robot, self.settings, {}, controller.capture(), controller.collision_monitor.digest)
 
     def now(self) -> Instant:
         """The clocks."""
@@ -71,6 +75,7 @@ class PacedLoop:
         """Ticks at the rate."""
         count = max(1, round(duration_s * NS / self._period_ns))
         tick, cycle, late = np.empty(count), np.empty(count), np.empty(count)
+        self._calls.recording = recording
         gc.collect()
         gc.disable()
         due_ns = time.monotonic_ns() + self._period_ns
@@ -78,33 +83,30 @@ class PacedLoop:
             for index in range(count):
                 _wait_until(due_ns)
                 late[index] = (time.monotonic_ns() - due_ns) / 1e3
-                tick[index], cycle[index] = self._cycle(recording)
+                tick[index], cycle[index] = self._cycle()
                 due_ns = max(due_ns + self._period_ns, time.monotonic_ns())
         finally:
             gc.enable()
         return Times(tick, cycle, late)
 
-    def _cycle(self, recording: RunRecording | None) -> tuple[float, float]:
+    def _cycle(self) -> tuple[float, float]:
         now = self.now()
-        self._send_target(now, recording)
+        self._send_target(now)
         position, velocity = self._arm.advance(now.monotonic_ns)
         data = encode.encode_joint_state(self.robot.joints, now.ros_ns, position, velocity)
-        begin_ns = time.perf_counter_ns()
-        step = self.controller.on_joint_state(decode.decode_joint_state(data), now)
-        outgoing: list[Outgoing] = []
-        if step is not None:
-            command = Outgoing(encode.COMMANDS, self._outputs.command(step))
-            self._arm.command(step.joint_velocity, now.monotonic_ns)
-            outgoing = [command, *self._outputs.others(step)]
-        ticked_ns = time.perf_counter_ns()
-        if recording is not None:
-            recording.called(CallKind.ON_JOINT_STATE, now, recording.received(JOINT_STATES, data, now))
-            if step is not None:
-                recording.sent(step, outgoing)
-            recording.between_calls(self.controller.state, now)
-        return (ticked_ns - begin_ns) / 1e3, (time.perf_counter_ns() - begin_ns) / 1e3
+        begin_ns = self._sent_ns = time.perf_counter_ns()
+        self._calls.call(CallKind.ON_JOINT_STATE, now, decode.decode_joint_state(data), data)
+        return (self._sent_ns - begin_ns) / 1e3, (time.perf_counter_ns() - begin_ns) / 1e3
 
-    def _send_target(self, now: Instant, recording: RunRecording | None) -> None:
+    def _send(self, step: Step) -> list[Outgoing]:
+        """Passes the command to the arm and encodes the other messages."""
+        command = Outgoing(encode.COMMANDS, self._outputs.command(step))
+        self._arm.command(step.joint_velocity, step.now.monotonic_ns)
+        outgoing = [command, *self._outputs.others(step)]
+        self._sent_ns = time.perf_counter_ns()
+        return outgoing
+
+    def _send_target(self, now: Instant) -> None:
         elapsed_s = (now.monotonic_ns - self._since_ns) / NS
         if elapsed_s * TARGET_RATE_HZ < self._targets:
             return
@@ -112,9 +114,7 @@ class PacedLoop:
         pose = self._trajectory.pose(elapsed_s % self._trajectory.duration_s)
         quaternion = se3.quaternion_from_rotation(pose[:3, :3])
         data = encode.encode_pose(self.robot.base_frame, now.ros_ns, pose[:3, 3], quaternion)
-        self.controller.on_target_pose(decode.decode_pose(data), now)
-        if recording is not None:
-            recording.called(CallKind.ON_TARGET_POSE, now, recording.received(TARGET_POSE, data, now))
+        self._calls.call(CallKind.ON_TARGET_POSE, now, decode_targets.decode_pose(data), data)
 
 
 def _wait_until(due_ns: int) -> None:

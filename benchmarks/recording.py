@@ -22,11 +22,11 @@ import numpy as np
 from benchmarks.real_time_loop import ElsewhereRecording, PacedLoop, Times
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
-from ik_node.recording.call_log import RecordedCalls
 from ik_node.recording.mcap.reader import Recording
 from ik_node.recording.mcap.repair import repair
 from ik_node.recording.run_recorder import RunRecording
 from ik_node.replay.bitwise import replay
+from ik_node.replay.call_source import RecordingSource
 
 LOSS_ALLOWED_S = 0.25
 MODES = ("off", "thread", "process")
@@ -144,7 +144,7 @@ def kills(folder: Path, count: int) -> dict[str, Any]:
             newest_ns = max(message.log_time_ns for message in Recording(directory).messages())
             losses.append((killed_ns - newest_ns) / NS)
             repair(directory)
-            repaired += Recording(directory).complete and replay(RecordedCalls(directory)).identical
+            repaired += Recording(directory).complete and replay(RecordingSource(directory)).identical
     return {"kills": count, "worst_s": max(losses), "median_s": float(np.median(losses)), "whole_after": repaired}
 
 

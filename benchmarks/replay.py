@@ -17,14 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ik_node.control.warm_up import rehearse
+from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
-from ik_node.recording.call_log import RecordedCalls
 from ik_node.replay.bitwise import replay
-from ik_node.replay.call_source import calls
-from ik_node.replay.what_if import RECORDED, compare, truth_of, variants
-from ik_node.settings.groups import METHODS
+from ik_node.replay.call_source import RecordingSource, calls
+from ik_node.replay.what_if import RECORDED, compare, ground_truth_of, make_variants
+from ik_node.settings.groups import METHOD_NAMES
 
 ROBOTS = ("panda", "ur5")
 
@@ -33,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line of this part."""
     result = argparse.ArgumentParser(prog="ik_benchmark replay", description=__doc__)
     result.add_argument("--robots", nargs="+", default=list(ROBOTS), help="[%(default)s]")
-    result.add_argument("--methods", nargs="+", default=list(METHODS), help="[%(default)s]")
+    result.add_argument("--methods", nargs="+", default=list(METHOD_NAMES), help="[%(default)s]")
     result.add_argument("--seconds", type=float, default=60.0, help="of each run [%(default)s]")
     result.add_argument("--rate", type=float, default=500.0, help="ticks per second [%(default)s]")
     result.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node")
@@ -101,32 +100,32 @@ def _write_poses(path: Path, seconds: float) -> None:
 def fetch(bag: Path) -> float:
     """Seconds until what is compiled is there."""
     begin = time.perf_counter()
-    recorded = RecordedCalls(bag)
-    rehearse(recorded.robot(), recorded.head.settings)
+    recorded = RecordingSource(bag)
+    warm_up(recorded.robot(), recorded.head.settings)
     return time.perf_counter() - begin
 
 
 def replayed(bag: Path) -> dict[str, Any]:
     """One recording through the controller, and the processor time that it took."""
     wall, begin = time.perf_counter(), time.process_time()
-    found = replay(RecordedCalls(bag))
+    found = replay(RecordingSource(bag))
     took_s, wall_s = time.process_time() - begin, time.perf_counter() - wall
     return {
         "identical": found.identical,
-        "ticks": found.ticks,
+        "ticks": found.steps,
         "duration_s": found.duration_s,
         "processor_s": took_s,
         "wall_s": wall_s,
         "times_real_time": found.duration_s / took_s,
-        "us_per_tick": 1e6 * took_s / found.ticks,
+        "us_per_tick": 1e6 * took_s / found.steps,
     }
 
 
 def what_if(bag: Path, jobs: int) -> dict[str, Any]:
     """All methods on one recording, on several processes."""
-    opened = partial(RecordedCalls, bag)
-    wanted = (RECORDED, *variants(opened().begins_with, ["all"], {}))
-    truth = truth_of(bag, "")
+    opened = partial(RecordingSource, bag)
+    wanted = (RECORDED, *make_variants(opened().initial_settings, ["all"], {}))
+    truth = ground_truth_of(bag, "")
     begin = time.perf_counter()
     runs = compare(opened, wanted, truth, jobs)
     took_s = time.perf_counter() - begin

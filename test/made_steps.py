@@ -37,7 +37,7 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
         error_b=twists[0],
         feedforward_b=twists[1],
         twist_b=twists[2],
-        lost_b=twists[3],
+        truncated_b=twists[3],
         scale=float(rng.uniform()),
         multiplier_task=rng.normal(size=6),
         multiplier_potential=np.full(6, 5e-324),
@@ -76,7 +76,7 @@ def same_bits(first: object, second: object) -> bool:
 
 def panda() -> Robot:
     """The arm of most tests."""
-    return catalogue.robot_from(ArmSettings(robot="panda"))
+    return catalogue.robot_from_settings(ArmSettings(robot="panda"))
 
 
 def steps(count: int, n: int = 7) -> list[Step]:

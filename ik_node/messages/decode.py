@@ -1,4 +1,4 @@
-"""Message bytes -> the plain inputs of the controller. Nothing is judged here: that is the controller's business."""
+"""Joint states, texts and commands: CDR bytes -> plain data. Values are not validated; the controller does that."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.errors import InputError
-from ik_node.interfaces.samples import JointSample, PoseSample
+from ik_node.interfaces.samples import JointSample
 from ik_node.math.types import Array
 from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, floats_at, stamp_at, stamp_of
 
@@ -57,23 +57,6 @@ def _read_joint_state(data: bytes) -> JointSample:
             _heads.clear()
         _heads[len(data)] = _Head(head, names, size, cursor.offset - 8 * size)
     return sample
-
-
-def decode_pose(data: bytes) -> PoseSample:
-    """The geometry_msgs/PoseStamped in ``data``; InputError when it is none."""
-    if data[:2] != LITTLE_ENDIAN:
-        message = deserialize(data, "geometry_msgs/msg/PoseStamped")
-        p, q = message.pose.position, message.pose.orientation
-        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        return PoseSample(stamp_of(message), message.header.frame_id, position, quaternion)
-    try:
-        cursor = Cursor(data)
-        stamp_ns = cursor.stamp()
-        frame_id = cursor.string()
-        numbers = cursor.floats(7)
-    except (struct.error, ValueError) as error:
-        raise InputError(f"bytes are no geometry_msgs/msg/PoseStamped: {error}") from error
-    return PoseSample(stamp_ns, frame_id, numbers[:3], numbers[3:])
 
 
 def decode_string(data: bytes) -> str:

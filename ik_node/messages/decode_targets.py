@@ -1,20 +1,40 @@
-"""Paths, trajectories and twists -> plain data. Nothing is judged here but what has no place in it."""
+"""Target poses, paths, trajectories and twists: CDR bytes -> plain data. Values are not validated; the controller does
+that."""
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import numpy as np
 
 from ik_node.errors import InputError
 from ik_node.interfaces.clock import NS
-from ik_node.interfaces.samples import PathSample, TrajectorySample, TwistSample
+from ik_node.interfaces.samples import PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.math.types import Array
-from ik_node.messages.cdr import deserialize, stamp_of
+from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, stamp_of
 
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRAJECTORY_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 TWIST_TYPE = "geometry_msgs/msg/TwistStamped"
+
+
+def decode_pose(data: bytes) -> PoseSample:
+    """The geometry_msgs/PoseStamped in ``data``; InputError when it is none."""
+    if data[:2] != LITTLE_ENDIAN:
+        message = deserialize(data, POSE_TYPE)
+        p, q = message.pose.position, message.pose.orientation
+        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+        return PoseSample(stamp_of(message), message.header.frame_id, position, quaternion)
+    try:
+        cursor = Cursor(data)
+        stamp_ns = cursor.stamp()
+        frame_id = cursor.string()
+        numbers = cursor.floats(7)
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no {POSE_TYPE}: {error}") from error
+    return PoseSample(stamp_ns, frame_id, numbers[:3], numbers[3:])
 
 
 def decode_path(data: bytes) -> PathSample:

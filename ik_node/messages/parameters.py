@@ -9,7 +9,7 @@ import numpy as np
 
 from ik_node.errors import InputError, RecordingError
 from ik_node.messages.cdr import deserialize, make, serialize, time_message
-from ik_node.settings.groups import Value
+from ik_node.settings.schema import Value
 
 PARAMETERS_TYPE = "rcl_interfaces/msg/ParameterEvent"
 _BOOL, _INTEGER, _DOUBLE, _STRING, _DOUBLES, _STRINGS = 1, 2, 3, 4, 8, 9

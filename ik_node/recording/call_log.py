@@ -1,19 +1,21 @@
-"""A recording as what happened to the controller: its calls in their order, and the Steps that came of them."""
+"""A recording as a sequence of controller calls with their messages and the resulting Steps.
+
+Nothing here constructs a controller or a robot: messages, settings and snapshots are returned as recorded, and
+:mod:`ik_node.replay.call_source` makes a controller of them.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from ik_node.control.controller import Controller
-from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import InputError, RecordingError
 from ik_node.messages.decode import decode_string
 from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import STEP_TYPE, Call, CallKind, StepDecoder, decode_call
-from ik_node.recording.input_table import INPUTS, SETTINGS_CALLS, TEXT_CALLS
+from ik_node.recording.input_table import INPUTS, TEXT_CALLS
 from ik_node.recording.json_codec import from_json
 from ik_node.recording.mcap.metadata import DROPPED, REPAIRED
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
@@ -24,96 +26,89 @@ from ik_node.recording.run_recorder import (
     PARAMETERS,
     ROBOT_DESCRIPTION,
     SETUP,
-    STATE,
+    SNAPSHOT,
     STEP,
     STEP_TEXTS,
 )
-from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
-_SOURCES: Mapping[CallKind, str] = {
+_ARGUMENT_SOURCES: Mapping[CallKind, str] = {
     **{kind: entry.name for kind, entry in INPUTS.items()},
     **dict.fromkeys(TEXT_CALLS, CALL_TEXTS),
-    **dict.fromkeys(SETTINGS_CALLS, PARAMETERS),
+    CallKind.APPLY: PARAMETERS,
 }
-"""Where the message that a call took is found; the others take none."""
-_Pending = tuple[int, Call, bytes]
-"""An event but for its step."""
+"""Input or topic of the message that a call took; other calls have no argument."""
+_PendingCall = tuple[int, Call, bytes]
+"""The entries of a :class:`RecordedCall` without its Step."""
+T = TypeVar("T")
 
 
-class Event(NamedTuple):
-    """One call of the controller."""
+class RecordedCall(NamedTuple):
+    """One controller call of a recording."""
 
     number: int
-    """Counts all calls of a recording; one that is left out was lost."""
+    """Counts all calls of the run; a gap means that calls are missing."""
     call: Call
     data: bytes
-    """The message that the call took, with the text or the parameters; empty where it took none."""
+    """Message with the argument: input, text or parameters; empty for none."""
     step: bytes | None
-    """The message ``step`` that came of it."""
+    """Message of the Step that the call returned."""
 
 
-class Checkpoint(NamedTuple):
-    """What the controller remembered at this point of a recording."""
+class RecordedSnapshot(NamedTuple):
+    """State of the controller at this position of a recording."""
 
-    state: ControllerSnapshot
+    text: str
+    """JSON; see :func:`decode_snapshot`."""
 
 
-class Head(NamedTuple):
-    """What a recording says of its run before the first call."""
+class RunHead(NamedTuple):
+    """What a recording contains before its first call."""
 
     node: str
     setup: Mapping[str, Any]
     urdf: str
     settings: Settings
-    state: ControllerSnapshot | None
-    """Where the run begins; None: with a controller that has not been called yet."""
+    snapshot: str | None
+    """State of the controller at the start as JSON; None when it had not been called."""
 
 
 class RecordedCalls:
-    """The calls of one node in a recording, whole or cut off."""
+    """The controller calls of one node in a recording, complete or cut off."""
 
     def __init__(self, path: str | Path, node: str = "") -> None:
-        """``node``: full name; default: the only one there is.
+        """Opens a recording.
 
-        Raises RecordingError when there is no recording, when it is damaged, or when it holds no run of that node; the
-        message says what it does hold.
+        Args:
+            path: Folder, or one of its files.
+            node: Full name of the node; default: the only one in the recording.
+
+        Raises:
+            RecordingError: There is no recording, it is damaged, or it holds no run of that node; the message lists
+                what it does hold.
         """
         self.recording = Recording(Path(path))
         self.path = Path(path)
         self.steps = StepDecoder()
-        """Understands the Steps of events that :meth:`events` has handed out."""
+        """Decodes the Steps of calls that :meth:`entries` has returned."""
         name = find_node(self.recording, node)
-        own = (SETUP, PARAMETERS, STATE, CALLS, CALL_TEXTS, STEP, STEP_TEXTS)
+        own = (SETUP, PARAMETERS, SNAPSHOT, CALLS, CALL_TEXTS, STEP, STEP_TEXTS)
         self._roles = {f"{name}/{role}": role for role in own} | {ROBOT_DESCRIPTION: ROBOT_DESCRIPTION}
         self.head = self._read_head(name)
         self._inputs = {topic: entry for entry, topic in self.head.setup["inputs"].items()}
 
     @property
-    def begins_with(self) -> Settings:
+    def initial_settings(self) -> Settings:
         """Settings at the start."""
         return self.head.settings
 
-    def robot(self) -> Robot:
-        """The robot of the run, a new one at every call; RobotError when its URDF cannot be read."""
-        setup, prefix = self.head.setup, self.head.settings.arm.joint_prefix
-        return Robot(self.head.urdf, setup["base_frame"], setup["tip_frame"], tuple(setup["joints"]), prefix)
-
-    def controller(self, settings: Settings | None = None) -> Controller:
-        """A controller that is where the recorded one was when the recording began; with other ``settings`` maybe."""
-        settings = settings or self.head.settings
-        if self.head.state is not None:  # which holds the obstacles; the file that they came from may be elsewhere
-            settings = settings.with_values({"obstacles.scene": ""})
-        controller = Controller(self.robot(), settings)
-        if self.head.state is not None:
-            controller.restore(self.head.state)
-        return controller
-
-    def events(self) -> Iterator[Event | Checkpoint]:
-        """Everything in its order. RecordingError where the recording is damaged."""
-        waiting: dict[str, dict[int, bytes]] = {source: {} for source in {*self._inputs.values(), *_SOURCES.values()}}
+    def entries(self) -> Iterator[RecordedCall | RecordedSnapshot]:
+        """All calls and snapshots in recorded order; raises RecordingError where the recording is damaged."""
+        waiting: dict[str, dict[int, bytes]] = {
+            source: {} for source in {*self._inputs.values(), *_ARGUMENT_SOURCES.values()}
+        }
         inputs = {topic: waiting[source] for topic, source in self._inputs.items()}
-        pending: _Pending | None = None
+        pending: _PendingCall | None = None
         step: bytes | None = None
         for message in self.recording.messages({*self._roles, *self._inputs}):
             topic, _, data, _, _, number = message
@@ -124,40 +119,40 @@ class RecordedCalls:
                 step = data
             elif role == CALLS:
                 if pending is not None:
-                    yield Event(*pending, step)
-                pending, step = self._called(message, waiting), None
+                    yield RecordedCall(*pending, step)
+                pending, step = self._pending_call(message, waiting), None
             elif role == STEP_TEXTS:
-                self._understood(message, self.steps.texts)
+                self._decoded(message, self.steps.texts)
             elif role in (CALL_TEXTS, PARAMETERS):
                 waiting[role][number] = data
-            elif role == STATE:
+            elif role == SNAPSHOT:
                 if pending is not None:
-                    yield Event(*pending, step)
+                    yield RecordedCall(*pending, step)
                     pending = None
-                yield Checkpoint(self._understood(message, decode_state))
+                yield RecordedSnapshot(self._decoded(message, decode_string))
         if pending is not None:
-            yield Event(*pending, step)
+            yield RecordedCall(*pending, step)
 
     @property
     def lossy(self) -> bool:
-        """True where the recording says, or shows, that it does not hold everything."""
+        """True when messages are missing: cut off, repaired, or left out by the writer."""
         custom = self.recording.custom
         return not self.recording.complete or custom.get(DROPPED, "0") != "0" or REPAIRED in custom
 
-    def settings(self, event: Event) -> Settings:
-        """All settings after a call that changed them."""
-        return self.head.settings.with_values(decode_parameters(event.data).values)
+    def settings(self, recorded: RecordedCall) -> Settings:
+        """All settings after a call of kind ``APPLY``."""
+        return self.head.settings.with_values(decode_parameters(recorded.data).values)
 
-    def _called(self, message: RecordedMessage, waiting: dict[str, dict[int, bytes]]) -> _Pending | None:
-        """The call with what it took; None where that was lost."""
-        call: Call = self._understood(message, decode_call)
-        source = _SOURCES.get(call.kind)
+    def _pending_call(self, message: RecordedMessage, waiting: dict[str, dict[int, bytes]]) -> _PendingCall | None:
+        """The call with its argument; None when the argument is missing."""
+        call: Call = self._decoded(message, decode_call)
+        source = _ARGUMENT_SOURCES.get(call.kind)
         if source is None:
             return message.sequence, call, b""
         data = waiting[source].pop(call.sequence, None)
         return None if data is None else (message.sequence, call, data)
 
-    def _read_head(self, node: str) -> Head:
+    def _read_head(self, node: str) -> RunHead:
         found: dict[str, RecordedMessage] = {}
         for message in self.recording.messages(self._roles):
             role = self._roles[message.topic]
@@ -166,54 +161,62 @@ class RecordedCalls:
             found[role] = message
         missing = [role for role in (ROBOT_DESCRIPTION, SETUP, PARAMETERS) if role not in found]
         if missing:
-            raise RecordingError(f"'{self.path}' lacks the beginning of the run of node '{node}': {', '.join(missing)}")
-        parameters = self._understood(found[PARAMETERS], decode_parameters).values
-        return Head(
+            raise RecordingError(f"'{self.path}' lacks the start of the run of node '{node}': {', '.join(missing)}")
+        parameters = self._decoded(found[PARAMETERS], decode_parameters).values
+        return RunHead(
             node,
-            read_setup(self._understood(found[SETUP], decode_string)),
-            self._understood(found[ROBOT_DESCRIPTION], decode_string),
+            read_setup(self._decoded(found[SETUP], decode_string)),
+            self._decoded(found[ROBOT_DESCRIPTION], decode_string),
             Settings().with_values(parameters),
-            self._understood(found[STATE], decode_state) if STATE in found else None,
+            self._decoded(found[SNAPSHOT], decode_string) if SNAPSHOT in found else None,
         )
 
-    def _understood(self, message: RecordedMessage, decode: Any) -> Any:
+    def _decoded(self, message: RecordedMessage, decode: Callable[[bytes], T]) -> T:
         try:
             return decode(message.data)
         except InputError as error:
             raise RecordingError(f"'{self.path}', topic {message.topic}: {error}") from error
 
 
-def decode_state(data: bytes) -> ControllerSnapshot:
-    """The state in a message of the topic ``state``; InputError when it holds none."""
+def decode_snapshot(text: str, kind: type[T]) -> T:
+    """Decodes a controller snapshot.
+
+    Args:
+        text: JSON of the topic ``snapshot``.
+        kind: Type of the snapshot: :class:`ik_node.control.controller_state.ControllerSnapshot`.
+
+    Raises:
+        RecordingError: The fields are those of another version of ik_node.
+    """
     try:
-        state: ControllerSnapshot = from_json(decode_string(data), ControllerSnapshot)
+        snapshot: T = from_json(text, kind)
     except InputError as error:
-        raise InputError(f"the controller's memory in it is that of another version of ik_node: {error}") from error
-    return state
+        raise RecordingError(f"the controller snapshot is that of another version of ik_node: {error}") from error
+    return snapshot
 
 
-def find_node(recording: Recording, wanted: str = "") -> str:
-    """The node whose run is asked for, by default the only one; RecordingError with what there is instead."""
+def find_node(recording: Recording, node: str = "") -> str:
+    """The full name of ``node``, or of the only recorded one by default; raises RecordingError listing the nodes."""
     counts = recording.counts()
     ending = f"/{STEP}"
     nodes = [topic.name[: -len(ending)] for topic in counts if topic.name.endswith(ending) and topic[1] == STEP_TYPE]
-    wanted = wanted.rstrip("/")
-    if wanted in nodes or (len(nodes) == 1 and not wanted):
-        return wanted or nodes[0]
+    node = node.rstrip("/")
+    if node in nodes or (len(nodes) == 1 and not node):
+        return node or nodes[0]
     if nodes:
-        which = f"no run of node '{wanted}'" if wanted else "several runs; name a node"
+        which = f"no run of node '{node}'" if node else "several runs; name a node"
         raise RecordingError(f"'{recording.path}' holds {which}; valid: {', '.join(sorted(nodes))}")
-    raise RecordingError(f"'{recording.path}' holds no run of ik_node; it holds: {what_it_holds(recording)}")
+    raise RecordingError(f"'{recording.path}' holds no run of ik_node; it holds: {content_text(recording)}")
 
 
-def what_it_holds(recording: Recording) -> str:
-    """Topics with types and counts, for people."""
+def content_text(recording: Recording) -> str:
+    """Topics with types and counts, for error messages."""
     counts = recording.counts().items()
     return ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts) or "nothing"
 
 
 def read_setup(text: str) -> dict[str, Any]:
-    """What the topic ``setup`` says; RecordingError when it is none, or of another format."""
+    """The content of the topic ``setup``; raises RecordingError for other content or another format."""
     try:
         setup: dict[str, Any] = json.loads(text)
         version = setup["format"]

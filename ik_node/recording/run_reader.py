@@ -10,25 +10,26 @@ from numpy.typing import NDArray
 
 from ik_node.errors import InputError, RecordingError
 from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import TEXT_FIELDS
 from ik_node.math.types import Array
-from ik_node.messages.decode import decode_pose, decode_string
+from ik_node.messages.decode import decode_string
+from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import (
-    NUMBERS,
-    POSES,
+    FIELDS,
     Call,
     CallKind,
-    Texts,
-    Words,
+    TextRecord,
     decode_call,
     decode_texts,
     read_layout,
+    shapes,
 )
 from ik_node.recording.call_log import find_node, read_setup
 from ik_node.recording.input_table import TARGET_POSE
 from ik_node.recording.mcap.metadata import DROPPED
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
-from ik_node.recording.run import Run, StatusChange, Targets
+from ik_node.recording.run import RecordedTargets, Run, StatusChange
 from ik_node.recording.run_recorder import (
     CALLS,
     PARAMETERS,
@@ -37,8 +38,6 @@ from ik_node.recording.run_recorder import (
     STEP,
     STEP_TEXTS,
 )
-
-_NAMES = ("tick", "now_monotonic", "now_ros", "state_time", "texts")
 
 
 class _Messages(NamedTuple):
@@ -49,7 +48,7 @@ class _Messages(NamedTuple):
     parameters: list[RecordedMessage]
     calls: list[Call]
     steps: list[bytes]
-    texts: list[Texts]
+    texts: list[TextRecord]
     targets: list[RecordedMessage]
 
 
@@ -66,14 +65,9 @@ def load_run(path: str | Path, node: str = "") -> Run:
         raise RecordingError(f"'{path}' holds no tick of node '{name}'")
     columns = _columns(messages.steps)
     clock = _Clock(columns)
-    words = _said(columns["texts"][:, 0], messages.texts)
-    status = tuple(word.status for word in words)
+    texts = _texts(columns["texts"][:, 0], messages.texts)
     limits = messages.setup["limits"]
     first, *changes = [(message, decode_parameters(message.data)) for message in _once(messages.parameters)]
-    arrays: dict[str, Any] = {label: values for label, values in columns.items() if label not in _NAMES}
-    arrays.update({label: arrays[label].reshape(-1, 4, 4) for label in POSES})
-    arrays.update({label: arrays[label][:, 0] for label in NUMBERS})
-    arrays["closest_points"] = arrays["closest_points"].reshape(-1, 2, 3)
     return Run(
         robot=str(messages.setup["robot"]),
         urdf=messages.urdf,
@@ -84,22 +78,21 @@ def load_run(path: str | Path, node: str = "") -> Run:
         base_frame=str(messages.setup["base_frame"]),
         tip_frame=str(messages.setup["tip_frame"]),
         settings=first[1].values,
-        setting_changes=tuple((clock.of_ros(message.log_time_ns), says.changed) for message, says in changes),
+        setting_changes=tuple(
+            (clock.of_ros(message.log_time_ns), parameters.changed) for message, parameters in changes
+        ),
         versions=dict(messages.setup["versions"]),
         tick=columns["tick"][:, 0].astype(np.int64),
         times_s=(clock.now_ns - clock.start.monotonic_ns) / NS,
         ros_ns=clock.ros_ns,
         state_times_s=(clock.state_ns - clock.start.monotonic_ns) / NS,
         state_ros_ns=clock.ros_ns - (clock.now_ns - clock.state_ns),
-        q=arrays.pop("joint_position"),
-        binding=tuple(word.binding for word in words),
-        closest_pair=tuple(word.closest_pair for word in words),
-        status=status,
-        statuses=_changes(clock.now_ns, status, clock.start.monotonic_ns),
+        columns={field.name: columns[field.name] for field in FIELDS},
+        texts=texts,
+        status_changes=_changes(clock.now_ns, texts["status"], clock.start.monotonic_ns),
         targets=_targets(messages, clock),
         dropped=int(recording.custom.get(DROPPED, "0")),
         complete=recording.complete,
-        **arrays,
     )
 
 
@@ -134,13 +127,15 @@ def _collect(recording: Recording, node: str) -> _Messages:
 
 
 def _columns(steps: list[bytes]) -> dict[str, Array]:
-    """Slice label -> (k, size)."""
+    """Slice label -> (k, *shape); counters, times and text numbers (k, size)."""
     prefix, slices = read_layout(steps[0])
     if not all(len(step) == len(steps[0]) and step.startswith(prefix) for step in steps):
-        raise RecordingError("the Steps of a run differ in their layout")
+        raise RecordingError("the Steps of a run have different layouts")
     begin = len(prefix)
     table = np.frombuffer(b"".join(step[begin:] for step in steps), "<f8").reshape(len(steps), -1)
-    return {label: np.ascontiguousarray(table[:, place], dtype=np.float64) for label, place in slices.items()}
+    columns = {label: np.ascontiguousarray(table[:, place], dtype=np.float64) for label, place in slices.items()}
+    reshaped = {name: columns[name].reshape(len(steps), *shape) for name, shape in shapes(slices).items()}
+    return columns | reshaped
 
 
 class _Clock:
@@ -165,14 +160,15 @@ def _nanoseconds(parts: Array) -> NDArray[np.int64]:
     return parts[:, 0].astype(np.int64) * NS + parts[:, 1].astype(np.int64)
 
 
-def _said(numbers: Array, texts: list[Texts]) -> tuple[Words, ...]:
-    """The texts per tick."""
-    known = {text.number: text for text in texts}
-    wanted = numbers.astype(np.int64).tolist()
-    missing = sorted(set(wanted) - set(known))
+def _texts(numbers: Array, records: list[TextRecord]) -> dict[str, tuple[Any, ...]]:
+    """Text field -> value per control step."""
+    fields = {record.number: record.fields for record in records}
+    used = numbers.astype(np.int64).tolist()
+    missing = sorted(set(used) - set(fields))
     if missing:
-        raise RecordingError(f"the recording lost the texts {missing[:5]} of its ticks")
-    return tuple(known[number].words for number in wanted)
+        raise RecordingError(f"the recording lacks the text records {missing[:5]} of its control steps")
+    values = zip(*(fields[number] for number in used), strict=True)
+    return {field.name: value for field, value in zip(TEXT_FIELDS, values, strict=True)}
 
 
 def _changes(now_ns: NDArray[np.int64], status: tuple[Any, ...], start_ns: int) -> tuple[StatusChange, ...]:
@@ -185,14 +181,14 @@ def _once(messages: list[RecordedMessage]) -> list[RecordedMessage]:
     return list({message.sequence: message for message in reversed(messages)}.values())[::-1]
 
 
-def _targets(messages: _Messages, clock: _Clock) -> Targets:
+def _targets(messages: _Messages, clock: _Clock) -> RecordedTargets:
     called = {call.sequence: call.now for call in messages.calls if call.kind is CallKind.ON_TARGET_POSE}
     samples = [decode_pose(message.data) for message in messages.targets]
     times = [
         clock.of(called[message.sequence]) if message.sequence in called else clock.of_ros(message.log_time_ns)
         for message in messages.targets
     ]
-    return Targets(
+    return RecordedTargets(
         times_s=np.array(times, dtype=np.float64),
         received_ros_ns=np.array([message.log_time_ns for message in messages.targets], dtype=np.int64),
         stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),

@@ -1,23 +1,23 @@
-"""Writes a run of the controller: what came in, every call in its order, every Step, what went out, and of what.
+"""Writes a run: input messages, controller calls in their order, Steps, outputs, and a description of the run.
 
-Topics of a recording, beside the node's own inputs and outputs under their ROS names (``<node>`` is the node's full
-name):
+Topics of a recording besides the node's inputs and outputs, which keep their ROS names (``<node>`` is the full name of
+the node):
 
 ====================== ==================================== ==========================================================
 ``<node>/setup``       std_msgs/String, latched             JSON: robot, joints, frames, limits, versions, topics
 ``/robot_description`` std_msgs/String, latched             URDF
-``<node>/parameters``  rcl_interfaces/ParameterEvent,       every parameter at the start and after each change
+``<node>/parameters``  rcl_interfaces/ParameterEvent,       all parameters at the start and after each change
                        latched
-``<node>/calls``       std_msgs/Int64MultiArray             each call of the controller
-``<node>/calls/texts`` std_msgs/String                      texts that calls took (the reason of a pause)
-``<node>/state``       std_msgs/String, latched             JSON: what the controller remembered at the start, and where
-                                                            a file begins
-``<node>/step``        std_msgs/Float64MultiArray           each Step, bit for bit
-``<node>/step/texts``  diagnostic_msgs/DiagnosticStatus,    status and binding limits of the Steps that follow
+``<node>/calls``       std_msgs/Int64MultiArray             controller calls
+``<node>/calls/texts`` std_msgs/String                      text arguments of calls, for example the reason of a pause
+``<node>/snapshot``    std_msgs/String, latched             JSON: state of the controller at the start of the run and of
+                                                            each file
+``<node>/step``        std_msgs/Float64MultiArray           Steps, bit for bit
+``<node>/step/texts``  diagnostic_msgs/DiagnosticStatus,    text fields of the Steps that follow
                        latched
 ====================== ==================================== ==========================================================
 
-How calls and Steps are packed: :mod:`ik_node.messages.step_codec`.
+Encoding of calls and Steps: :mod:`ik_node.messages.step_codec`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from typing import NamedTuple
 import numpy as np
 
 import ik_node
-from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.step import Step
@@ -52,17 +51,15 @@ from ik_node.recording.input_table import INPUT_TYPES, JOINT_STATES
 from ik_node.recording.json_codec import to_json
 from ik_node.recording.mcap.metadata import Qos
 from ik_node.recording.mcap.writer import Recorder, RecorderOptions
-from ik_node.robot.joint_limits import motion_limits
-from ik_node.robot.robot import Robot
 from ik_node.settings.groups import RecordingSettings, Settings
 
-FORMAT = 1
-"""Version of the topics and their packing; raised when a reader of the old one would misread the new."""
+FORMAT = 2
+"""Version of the topics and their encoding; incremented when older readers would misread a recording."""
 SETUP = "setup"
 PARAMETERS = "parameters"
 CALLS = "calls"
 CALL_TEXTS = "calls/texts"
-STATE = "state"
+SNAPSHOT = "snapshot"
 STEP = "step"
 STEP_TEXTS = "step/texts"
 ROBOT_DESCRIPTION = "/robot_description"
@@ -73,42 +70,47 @@ _WITHOUT = ("robot_description",)  # has a topic of its own
 
 
 class RunSetup(NamedTuple):
-    """What a recording says of the run as a whole."""
+    """Description of a run; :func:`ik_node.replay.recorded_controller.run_setup` makes it for a controller."""
 
     node: str
-    """Full name of the node: ``/ik_node``."""
+    """Full name of the node, for example ``/ik_node``."""
     robot_name: str
-    robot: Robot
+    urdf: str
+    joints: tuple[str, ...]
+    base_frame: str
+    tip_frame: str
+    limits: Mapping[str, Array]
+    """``lower``, ``upper``, ``velocity`` and ``acceleration`` limits in force, (n,), in rad and s (m and s)."""
     settings: Settings
     topics: Mapping[str, str]
-    """Inputs (:data:`INPUT_TYPES`) and outputs (:data:`ik_node.messages.TYPES`) -> ROS name, where it is not the usual
-    one."""
-    state: ControllerSnapshot | None = None
-    """What the controller remembers when the recording begins; None: it has not been called yet."""
+    """Inputs (:data:`INPUT_TYPES`) and outputs (:data:`ik_node.messages.encode.TYPES`) -> ROS name, where it is not the
+    default."""
+    snapshot: object = None
+    """State of the controller at the start, as plain data; None when it has not been called."""
     geometry: str = ""
-    """A digest of what distances are measured with."""
+    """Digest of the collision geometry."""
 
 
 class _Put(NamedTuple):
-    """What became of a message."""
+    """Result of writing a message."""
 
     sequence: int
     written: bool
 
 
 class RunRecording:
-    """A run being recorded; every method returns at once and raises nothing."""
+    """A run being recorded; after construction its methods do not wait and do not raise."""
 
     def __init__(self, directory: Path, setup: RunSetup, now: Instant, options: RecorderOptions | None = None) -> None:
-        """Creates ``directory``; RecordingError when it exists or cannot be made."""
+        """Creates ``directory``; raises RecordingError when it exists or cannot be created."""
         self.node = setup.node.rstrip("/")
         self._setup = setup
         self._settings = setup.settings
         self._recorder = self._make_recorder(
             directory, options, {"ik_node": ik_node.__version__, "format": str(FORMAT)}
         )
-        self._steps = StepEncoder(self.node, setup.robot.n)
-        own = {SETUP: STRING_TYPE, PARAMETERS: PARAMETERS_TYPE, STATE: STRING_TYPE, STEP_TEXTS: TEXTS_TYPE}
+        self._steps = StepEncoder(self.node, len(setup.joints))
+        own = {SETUP: STRING_TYPE, PARAMETERS: PARAMETERS_TYPE, SNAPSHOT: STRING_TYPE, STEP_TEXTS: TEXTS_TYPE}
         self._channels = {
             ROBOT_DESCRIPTION: self._recorder.channel(ROBOT_DESCRIPTION, STRING_TYPE, _LATCHED),
             **{name: self._own_channel(name, kind, _LATCHED) for name, kind in own.items()},
@@ -121,47 +123,58 @@ class RunRecording:
             for name, kind in TYPES.items()
         }
         self._sequences: dict[int, int] = {}
-        self._dropped_before_call = self._dropped_before_state = 0
+        self._dropped_before_call = self._dropped_before_snapshot = 0
         self._defect = ""
-        self._put(self._channels[ROBOT_DESCRIPTION], encode_string(setup.robot.urdf), now.ros_ns)
+        self._put(self._channels[ROBOT_DESCRIPTION], encode_string(setup.urdf), now.ros_ns)
         self._put(self._channels[SETUP], encode_string(setup_json(setup, self._input_topics())), now.ros_ns)
         self._put_parameters({}, now)
-        if setup.state is not None:
-            self._put_state(setup.state, now)
+        if setup.snapshot is not None:
+            self._put_snapshot(setup.snapshot, now)
 
     def _make_recorder(self, directory: Path, options: RecorderOptions | None, custom: dict[str, str]) -> Recorder:
         return Recorder(directory, options, custom)
 
-    # --- what happens ---
+    # --- events ---
 
     def received(self, name: str, data: bytes, now: Instant, publish_time_ns: int = 0) -> int:
-        """A message on an input (a key of :data:`INPUT_TYPES`), as it came; returns its sequence, for :meth:`called`.
+        """Records an input message.
 
-        ``publish_time_ns`` is when its source sent it, 0 when not known.
+        Args:
+            name: Key of :data:`INPUT_TYPES`.
+            data: CDR bytes as received.
+            now: Time of reception.
+            publish_time_ns: ROS time at which it was sent; 0 when unknown.
+
+        Returns:
+            Sequence number of the message on its topic, for :meth:`called`.
         """
         return self._put(self._inputs[name], data, now.ros_ns, publish_time_ns).sequence
 
-    def called(self, kind: CallKind, now: Instant, sequence: int = -1, text: str = "") -> None:
-        """A call of the controller, with the sequence of the message or the text that it took.
+    def called(self, kind: CallKind, now: Instant, sequence: int = -1, text: str | None = None) -> None:
+        """Records a controller call, after it was made and before the Step that it returned.
 
-        To be told after the call was made, and before the Step that came of it.
+        Args:
+            kind: The called method.
+            now: Time of the call.
+            sequence: Of the message that was passed in; -1 for none.
+            text: Text argument; None for none.
         """
-        if text:
+        if text is not None:
             sequence = self._put(self._channels[CALL_TEXTS], encode_string(text), now.ros_ns).sequence
         self._put(self._channels[CALLS], encode_call(Call(kind, sequence, now)), now.ros_ns)
 
     def applied(self, settings: Settings, now: Instant) -> None:
-        """The controller took over other settings: the call and the values."""
+        """Records a call of kind ``APPLY`` with its settings."""
         before, self._settings = self._settings.flat(), settings
         changed = {name for name, value in settings.flat().items() if before[name] != value}
         self.called(CallKind.APPLY, now, self._put_parameters(changed, now))
 
     def sent(self, step: Step, outgoing: Iterable[Outgoing]) -> None:
-        """A Step and the messages that said it."""
+        """Records a Step and the output messages that were published for it."""
         stamp_ns = step.now.ros_ns
         try:
             texts, numbers = self._steps.encode(step)
-        except RecordingError as error:  # a defect, but the arm goes on
+        except RecordingError as error:  # a defect; the control loop continues
             self._defect = f"recording '{self.directory}' lacks Steps: {error}"
             return
         if texts is None or self._put(self._channels[STEP_TEXTS], texts, stamp_ns).written:
@@ -172,44 +185,53 @@ class RunRecording:
             self._put(self._outputs[topic], data, stamp_ns)
 
     def said(self, message: Outgoing, now: Instant) -> None:
-        """A message that went out beside the Steps: status, diagnostics."""
+        """Records an output message that belongs to no Step: status, diagnostics."""
         self._put(self._outputs[message.topic], message.data, now.ros_ns)
 
-    def between_calls(self, state: Callable[[], ControllerSnapshot], now: Instant) -> None:
-        """To be told after each call and what it led to: here a new file can begin, with the controller's state.
+    def between_calls(self, capture: Callable[[], object], now: Instant) -> None:
+        """Starts a new file when one is due; to be called after each call and its Step were recorded.
 
-        The state is written too once nothing has to be left out any more, so that a replay can go on from there.
+        A snapshot is also written when messages were left out and the writer has caught up, so that a replay can resume
+        there.
+
+        Args:
+            capture: Returns the state of the controller as plain data.
+            now: Time of the call.
         """
         dropped = self._recorder.dropped
         if self._recorder.split_due:
-            if self._put_state(state(), now):
+            if self._put_snapshot(capture(), now):
                 self._recorder.split()
-        elif self._dropped_before_state != dropped == self._dropped_before_call:
-            self._dropped_before_state = dropped
-            self._put_state(state(), now)
+        elif self._dropped_before_snapshot != dropped == self._dropped_before_call:
+            self._dropped_before_snapshot = dropped
+            self._put_snapshot(capture(), now)
         self._dropped_before_call = dropped
 
+    def write_pending(self) -> None:
+        """Writes what has gathered, where no thread does it (:attr:`RecorderOptions.own_thread`)."""
+        self._recorder.write_pending()
+
     def end(self) -> None:
-        """Stops recording and returns at once, for a control loop that goes on; the writer does the rest."""
+        """Stops recording without waiting; the writer finishes in the background."""
         self._recorder.end()
 
     def close(self) -> None:
-        """Stops recording and waits until it is whole; harmless when called again."""
+        """Stops recording and waits until the files are complete; may be called repeatedly."""
         self._recorder.close()
 
     @property
     def directory(self) -> Path:
-        """Where it lies."""
+        """Folder of the recording."""
         return self._recorder.directory
 
     @property
     def dropped(self) -> int:
-        """Messages left out because the disk could not keep up."""
+        """Number of messages left out because the disk was too slow."""
         return self._recorder.dropped
 
     @property
     def error(self) -> str:
-        """Why the recording has ended before :meth:`close` or is not whole, or empty."""
+        """Why the recording ended early or is incomplete; empty for none."""
         return self._recorder.error or self._defect
 
     # --- channels ---
@@ -225,8 +247,8 @@ class RunRecording:
         data = encode_parameters(self.node, now.ros_ns, parameters)
         return self._put(self._channels[PARAMETERS], data, now.ros_ns).sequence
 
-    def _put_state(self, state: ControllerSnapshot, now: Instant) -> bool:
-        return self._put(self._channels[STATE], encode_string(to_json(state)), now.ros_ns).written
+    def _put_snapshot(self, snapshot: object, now: Instant) -> bool:
+        return self._put(self._channels[SNAPSHOT], encode_string(to_json(snapshot)), now.ros_ns).written
 
     def _own_channel(self, name: str, type_name: str, qos: Qos | None = None) -> int:
         return self._recorder.channel(f"{self.node}/{name}", type_name, qos)
@@ -240,36 +262,27 @@ class RunRecording:
 
 
 def recorder_options(settings: RecordingSettings) -> RecorderOptions:
-    """The options that the parameters ask for."""
+    """Writer options from the parameters."""
     return RecorderOptions(
         compression=settings.compression,
-        flush_period_s=settings.flush_period_s,
-        queue_mb=settings.queue_mb,
         max_part_mb=settings.max_part_mb,
         max_part_s=settings.max_part_s,
     )
 
 
 def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
-    """The text of the topic ``setup``; limits that there are not are null."""
-    robot, settings = setup.robot, setup.settings
-    limits = motion_limits(robot, settings.limits, settings.control.rate_hz)
+    """The text of the topic ``setup``; infinite limits are null."""
     content = {
         "format": FORMAT,
         "node": setup.node,
         "robot": setup.robot_name,
-        "base_frame": robot.base_frame,
-        "tip_frame": robot.tip_frame,
-        "joints": list(robot.joints),
-        "limits": {
-            "lower": _finite_or_null(limits.lower),
-            "upper": _finite_or_null(limits.upper),
-            "velocity": _finite_or_null(limits.velocity),
-            "acceleration": _finite_or_null(limits.acceleration),
-        },
+        "base_frame": setup.base_frame,
+        "tip_frame": setup.tip_frame,
+        "joints": list(setup.joints),
+        "limits": {name: _finite_or_null(values) for name, values in setup.limits.items()},
         "inputs": dict(input_topics),
         "call_kinds": {kind.name.lower(): int(kind) for kind in CallKind},
-        "urdf_sha256": hashlib.sha256(robot.urdf.encode()).hexdigest(),
+        "urdf_sha256": hashlib.sha256(setup.urdf.encode()).hexdigest(),
         "geometry": setup.geometry,
         "versions": dict(versions()),
     }

@@ -1,7 +1,7 @@
-"""The recorded calls through a controller, and whether the same Steps come of them, bit for bit.
+"""Bitwise replay: makes the recorded calls on a new controller and compares every Step with the recorded one.
 
-Nothing is simulated: the controller gets the recorded messages at the recorded times, whatever it answers. So what
-parts does so for a reason inside the controller, and at the tick where it is first seen.
+Nothing is simulated: the controller receives the recorded messages at the recorded times, whatever it commands. A
+difference therefore has its cause inside the controller, at the control step where it appears first.
 """
 
 from __future__ import annotations
@@ -12,200 +12,213 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ik_node.control.controller_state import ControllerSnapshot
+from ik_node.differential_ik.solver import MULTIPLIER_FADE_M
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import NS
-from ik_node.interfaces.step import Step
-from ik_node.messages.step_codec import Call, StepEncoder, words_of
-from ik_node.recording.call_log import Checkpoint, Event, RecordedCalls
+from ik_node.interfaces.step import TEXT_FIELDS, Step
+from ik_node.messages.step_codec import Call, StepEncoder, text_fields
+from ik_node.recording.call_log import RecordedCall, RecordedSnapshot, decode_snapshot
 from ik_node.recording.environment import differences
 from ik_node.recording.input_table import INPUTS
 from ik_node.recording.json_codec import to_json
-from ik_node.replay.call_source import make
-from ik_node.replay.gc_pause import seldom_collecting
+from ik_node.replay.call_source import RecordingSource, make_recorded_call
+from ik_node.replay.gc_pause import infrequent_gc
 
 TOLERANCE = 1e-9
-"""Elsewhere, with another processor's kernels, no number of a Step may part by more than this, in its SI unit; fields
-larger than 1 by no more than this part of their largest number."""
+"""Largest difference of a number on another platform, in its SI unit; relative to the largest number of a field when
+that exceeds 1."""
 SINGULAR_TOLERANCE = 1e-2
-"""The same where rounding is amplified (5e-3 was seen): with the smallest singular value below ``NEAR`` thresholds."""
-NEAR = 4.0
-_SAYINGS = ("status", "binding", "closest_pair", "closest_points")
-"""What rounding may decide: whether s = 1 - 1e-16 counts as slowed down, and which of two is nearer."""
+"""The same where rounding is amplified (5e-3 was measured): smallest singular value below ``NEAR_SINGULAR_M``."""
+NEAR_SINGULAR_M = 4.0 * MULTIPLIER_FADE_M
+_DECIDED_BY_ROUNDING = (*(entry.name for entry in TEXT_FIELDS), "closest_points")
+"""Fields that rounding may change: whether s = 1 - 1e-16 counts as limited, and which of two pairs is closer."""
 
 
-class Parting(NamedTuple):
-    """One number of one Step that is not what was recorded."""
+class Mismatch(NamedTuple):
+    """A field of a Step that differs from the recorded one."""
 
     tick: int
-    """Running number of the Step; of the last one before, where there is none."""
+    """Number of the Step; of the previous one when there is none."""
     time_s: float
-    """From the first call."""
+    """Time since the first call."""
     call: Call
     source: str
-    """What was called, with which message."""
+    """The call and its message."""
     field: str
     """Of the Step."""
     recorded: str
     replayed: str
     size: float
-    """Largest difference in that field, in its SI unit; inf where it is no number's."""
+    """Largest difference in that field, in its SI unit; inf for texts and non-finite numbers."""
 
 
 @dataclass
 class Comparison:
-    """What came of a replay."""
+    """Result of a bitwise replay."""
 
     calls: int = 0
-    ticks: int = 0
-    """Steps that were compared."""
+    steps: int = 0
+    """Compared Steps."""
     duration_s: float = 0.0
     """From the first call to the last."""
-    first: Parting | None = None
-    """Where bits part first."""
-    beyond: Parting | None = None
-    """Where something parts first by more than rounding does."""
-    largest: dict[str, float] = field(default_factory=dict)
-    """Field -> largest difference, of the numbers that differ."""
-    sayings: int = 0
-    """Steps that say something else: about status, limits that bind, or the closest pair."""
-    lost_calls: int = 0
-    """Calls that the recording does not hold; the replay goes on at the next recorded state."""
+    first: Mismatch | None = None
+    """First field whose bits differ."""
+    first_beyond_tolerance: Mismatch | None = None
+    """First field that differs by more than rounding."""
+    max_difference: dict[str, float] = field(default_factory=dict)
+    """Field -> largest difference, for numeric fields that differ."""
+    text_mismatches: int = 0
+    """Steps with other text fields or another closest pair."""
+    missing_calls: int = 0
+    """Calls that the recording lacks; the replay resumes at the next recorded snapshot."""
     skipped_calls: int = 0
-    """Calls between a lost one and the next recorded state."""
-    lost_steps: int = 0
-    """Steps that the recording does not hold."""
-    checkpoints: int = 0
-    """Recorded states that were compared with the controller's."""
-    elsewhere: tuple[str, ...] = ()
-    """What is different here from where the recording was made, as far as bits depend on it."""
+    """Calls between a missing one and the next snapshot."""
+    missing_steps: int = 0
+    """Steps that the recording lacks."""
+    snapshots: int = 0
+    """Recorded snapshots that were compared with the state of the controller."""
+    environment_differences: tuple[str, ...] = ()
+    """Differences of versions and platform that can change bits."""
 
     @property
     def identical(self) -> bool:
-        """Every Step that the recording holds came out with the same bits."""
+        """True when every recorded Step was reproduced bit for bit."""
         return self.first is None
 
     @property
     def within_tolerance(self) -> bool:
-        """No number parts by more than :data:`TOLERANCE` (:data:`SINGULAR_TOLERANCE`), and no mode is another."""
-        return self.beyond is None
+        """True when all differences are within the tolerances and no mode differs."""
+        return self.first_beyond_tolerance is None
 
     @property
-    def holds(self) -> bool:
-        """The same bits; on another machine or with other versions, the same but for rounding."""
-        return self.ticks > 0 and (self.identical or (bool(self.elsewhere) and self.within_tolerance))
+    def passed(self) -> bool:
+        """True for identical Steps; on another platform or with other versions also for equality within tolerance."""
+        equal_elsewhere = bool(self.environment_differences) and self.within_tolerance
+        return self.steps > 0 and (self.identical or equal_elsewhere)
 
 
-def replay(recorded: RecordedCalls) -> Comparison:
-    """All of a recording through a new controller. RecordingError where it is damaged or holds no Step to compare."""
-    with seldom_collecting():
+def replay(recorded: RecordingSource) -> Comparison:
+    """Replays a recording and compares every Step.
+
+    Args:
+        recorded: The recording.
+
+    Returns:
+        What was compared and what differs.
+
+    Raises:
+        RecordingError: The recording is damaged or contains no Step.
+    """
+    with infrequent_gc():
         return _Replay(recorded).run()
 
 
 class _Replay:
-    def __init__(self, recorded: RecordedCalls) -> None:
+    def __init__(self, recorded: RecordingSource) -> None:
         self._recorded = recorded
         self._controller = recorded.controller()
         self._encoder = StepEncoder(recorded.head.node, self._controller.robot.n)
-        self._found = Comparison(elsewhere=differences(recorded.head.setup["versions"]))
-        there, here = recorded.head.setup["geometry"], self._controller.geometry
+        self._result = Comparison(environment_differences=differences(recorded.head.setup["versions"]))
+        there, here = recorded.head.setup["geometry"], self._controller.collision_monitor.digest
         if there != here:
-            self._found.elsewhere += (f"collision geometry {there} there, {here} here",)
-        self._next = 0
-        self._last: Event | None = None
+            self._result.environment_differences += (f"collision geometry: recorded {there}, here {here}",)
+        self._next_number = 0
+        self._last: RecordedCall | None = None
         self._tick = 0
         self._start_ns = 0
-        self._astray = False
+        self._desynchronised = False
 
     def run(self) -> Comparison:
-        for entry in self._recorded.events():
-            if isinstance(entry, Checkpoint):
-                self._at_checkpoint(entry)
+        for entry in self._recorded.entries():
+            if isinstance(entry, RecordedSnapshot):
+                self._compare_snapshot(entry)
                 continue
             if self._last is None:
-                self._start_ns, self._next = entry.call.now.monotonic_ns, entry.number
-            self._take(entry)
+                self._start_ns, self._next_number = entry.call.now.monotonic_ns, entry.number
+            self._replay_call(entry)
             self._last = entry
-        if self._last is None or not self._found.ticks:
-            raise RecordingError(f"'{self._recorded.path}' holds no tick to compare")
-        self._found.duration_s = (self._last.call.now.monotonic_ns - self._start_ns) / NS
-        return self._found
+        if self._last is None or not self._result.steps:
+            raise RecordingError(f"'{self._recorded.path}' contains no Step to compare")
+        self._result.duration_s = (self._last.call.now.monotonic_ns - self._start_ns) / NS
+        return self._result
 
-    def _at_checkpoint(self, checkpoint: Checkpoint) -> None:
-        if self._last is None:  # the one at the beginning, which the controller started with
+    def _compare_snapshot(self, recorded: RecordedSnapshot) -> None:
+        if self._last is None:  # the initial one, with which the controller was created
             return
-        if self._astray:
-            self._controller.restore(checkpoint.state)
-            self._astray = False
-        elif self._found.identical:
-            self._found.checkpoints += 1
-            there, here = to_json(checkpoint.state), to_json(self._controller.capture())
-            if there != here and not self._found.elsewhere:
-                self._note(Parting(*self._where(self._last), "state", there, here, math.inf), 0.0)
+        if self._desynchronised:
+            self._controller.restore(decode_snapshot(recorded.text, ControllerSnapshot))
+            self._desynchronised = False
+        elif self._result.identical:
+            self._result.snapshots += 1
+            replayed = to_json(self._controller.capture())
+            if recorded.text != replayed and not self._result.environment_differences:
+                self._add(Mismatch(*self._position(self._last), "snapshot", recorded.text, replayed, math.inf), 0.0)
 
-    def _take(self, event: Event) -> None:
-        if event.number != self._next:
-            self._found.lost_calls += event.number - self._next
-            self._astray = True
-        self._next = event.number + 1
-        if self._astray:
-            self._found.skipped_calls += 1
+    def _replay_call(self, recorded: RecordedCall) -> None:
+        if recorded.number != self._next_number:
+            self._result.missing_calls += recorded.number - self._next_number
+            self._desynchronised = True
+        self._next_number = recorded.number + 1
+        if self._desynchronised:
+            self._result.skipped_calls += 1
             return
-        self._found.calls += 1
-        step = make(self._controller, self._recorded, event)
-        if step is None and event.step is None:
+        self._result.calls += 1
+        step = make_recorded_call(self._controller, self._recorded, recorded)
+        if step is None and recorded.step is None:
             return
         self._tick = self._tick if step is None else step.tick
-        if event.step is None or step is None:
-            self._only_one(event, step)
+        if recorded.step is None or step is None:
+            self._compare_presence(recorded)
             return
-        self._found.ticks += 1
-        texts = self._recorded.steps.texts_of(event.step)
-        same_texts = texts.words == words_of(step)
-        if not same_texts or event.step != self._encoder.numbers(step, texts.number):
-            self._part(event, self._recorded.steps.step(event.step), step)
+        self._result.steps += 1
+        texts = self._recorded.steps.texts_of(recorded.step)
+        same_texts = texts.fields == text_fields(step)
+        if not same_texts or recorded.step != self._encoder.numbers(step, texts.number):
+            self._compare_fields(recorded, self._recorded.steps.step(recorded.step), step)
 
-    def _only_one(self, event: Event, step: Step | None) -> None:
-        """A Step that only the recording, or only the replay has."""
-        if event.step is None and self._recorded.lossy:
-            self._found.lost_steps += 1
+    def _compare_presence(self, recorded: RecordedCall) -> None:
+        """Only the recording or only the replay has a Step."""
+        if recorded.step is None and self._recorded.lossy:
+            self._result.missing_steps += 1
             return
-        there, here = ("none", "a Step") if event.step is None else ("a Step", "none")
-        self._note(Parting(*self._where(event), "step", there, here, math.inf), 0.0)
+        there, here = ("none", "a Step") if recorded.step is None else ("a Step", "none")
+        self._add(Mismatch(*self._position(recorded), "step", there, here, math.inf), 0.0)
 
-    def _part(self, event: Event, recorded: Step, replayed: Step) -> None:
-        """Every field in which both differ."""
-        smallest = recorded.singular_values[-1]
-        singular = smallest < NEAR * self._controller.settings.control.singularity_threshold
-        tolerance = SINGULAR_TOLERANCE if singular else TOLERANCE
+    def _compare_fields(self, call: RecordedCall, recorded: Step, replayed: Step) -> None:
+        near_singular = recorded.singular_values[-1] < NEAR_SINGULAR_M
+        tolerance = SINGULAR_TOLERANCE if near_singular else TOLERANCE
         same_mode = recorded.status.mode is replayed.status.mode
-        other_sayings = False
+        texts_differ = False
         for name in Step._fields:
             one, two = getattr(recorded, name), getattr(replayed, name)
             size = _difference(one, two)
             if size is not None:
-                saying = name in _SAYINGS
-                other_sayings |= saying
-                parting = Parting(*self._where(event), name, _shown(one), _shown(two), size)
-                self._note(parting, math.inf if saying and same_mode else tolerance * _scale(one))
-        self._found.sayings += other_sayings
+                decided_by_rounding = name in _DECIDED_BY_ROUNDING
+                texts_differ |= decided_by_rounding
+                mismatch = Mismatch(*self._position(call), name, _shown(one), _shown(two), size)
+                self._add(mismatch, math.inf if decided_by_rounding and same_mode else tolerance * _magnitude(one))
+        self._result.text_mismatches += texts_differ
 
-    def _note(self, parting: Parting, tolerance: float) -> None:
-        found = self._found
-        found.first = found.first or parting
-        if parting.size > tolerance:
-            found.beyond = found.beyond or parting
-        if parting.field not in _SAYINGS:
-            found.largest[parting.field] = max(found.largest.get(parting.field, 0.0), parting.size)
+    def _add(self, mismatch: Mismatch, tolerance: float) -> None:
+        result = self._result
+        result.first = result.first or mismatch
+        if mismatch.size > tolerance:
+            result.first_beyond_tolerance = result.first_beyond_tolerance or mismatch
+        if mismatch.field not in _DECIDED_BY_ROUNDING:
+            largest = result.max_difference.get(mismatch.field, 0.0)
+            result.max_difference[mismatch.field] = max(largest, mismatch.size)
 
-    def _where(self, event: Event) -> tuple[int, float, Call, str]:
-        call = event.call
+    def _position(self, recorded: RecordedCall) -> tuple[int, float, Call, str]:
+        """The first entries of a :class:`Mismatch`."""
+        call = recorded.call
         source = f", message {call.sequence} of {INPUTS[call.kind].name}" if call.kind in INPUTS else ""
         time_s = (call.now.monotonic_ns - self._start_ns) / NS
         return self._tick, time_s, call, call.kind.name.lower() + source
 
 
 def _difference(one: Any, two: Any) -> float | None:
-    """How far apart; None when the same to the last bit. NaN is the same as NaN, and infinitely far from the rest."""
+    """Largest difference; None for equal bits. NaN equals NaN, and differs from other values by inf."""
     if isinstance(one, np.ndarray):
         if one.tobytes() == two.tobytes():
             return None
@@ -217,8 +230,8 @@ def _difference(one: Any, two: Any) -> float | None:
     return None if one == two else math.inf
 
 
-def _scale(value: Any) -> float:
-    """The largest finite number in a field, at least 1."""
+def _magnitude(value: Any) -> float:
+    """The largest finite absolute value in a field, at least 1."""
     numbers = np.abs(np.asarray(value, dtype=np.float64)) if isinstance(value, (np.ndarray, float)) else np.zeros(0)
     return float(np.max(numbers, initial=1.0, where=np.isfinite(numbers)))
 

@@ -1,59 +1,100 @@
-"""Where the calls of a replay come from, and how they are made."""
+"""Sources of controller calls for a replay: a recording of this package, or an external bag."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 from ik_node.control.controller import Controller
+from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.step import Step
-from ik_node.messages.decode import decode_string
-from ik_node.recording.call_log import Checkpoint, Event
-from ik_node.recording.input_table import BARE_CALLS, INPUTS, SETTINGS_CALLS, TEXT_CALLS
+from ik_node.messages.step_codec import CallKind
+from ik_node.recording.call_log import RecordedCall, RecordedCalls, RecordedSnapshot, decode_snapshot
+from ik_node.replay.call_table import CALL_TABLE, decode_argument
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import Settings, Value
+from ik_node.settings.groups import Settings
+from ik_node.settings.schema import Value
 
 
-class Source(Protocol):
-    """A recording of ours (:class:`ik_node.recording.call_log.RecordedCalls`) or a foreign bag."""
+class CallSource(Protocol):
+    """:class:`RecordingSource` or :class:`ik_node.replay.external_bag.ExternalBag`."""
 
     @property
-    def begins_with(self) -> Settings:
+    def initial_settings(self) -> Settings:
         """Settings at the start."""
 
     def robot(self) -> Robot:
-        """The robot of the run, a new one at every call."""
+        """A new robot of the run."""
 
     def controller(self, settings: Settings | None = None) -> Controller:
-        """A new controller where the run begins, with the settings of the start or others."""
+        """A new controller in the state at the start of the run; default: with the settings of the start."""
 
-    def events(self) -> Iterator[Event | Checkpoint]:
-        """The calls in their order."""
+    def entries(self) -> Iterator[RecordedCall | RecordedSnapshot]:
+        """Calls and snapshots in recorded order."""
 
-    def settings(self, event: Event) -> Settings:
-        """All settings after a call that changed them."""
-
-
-def calls(source: Source) -> Iterator[Event]:
-    """The calls alone."""
-    return (entry for entry in source.events() if isinstance(entry, Event))
+    def settings(self, recorded: RecordedCall) -> Settings:
+        """All settings after a call of kind ``APPLY``."""
 
 
-def make(
-    controller: Controller, source: Source, event: Event, changes: Mapping[str, Value] | None = None
+class RecordingSource(RecordedCalls):
+    """A recording with the means to construct its robot and controller."""
+
+    def robot(self) -> Robot:
+        """A new robot of the run; raises RobotError when the recorded URDF cannot be read."""
+        setup, prefix = self.head.setup, self.head.settings.arm.joint_prefix
+        return Robot(self.head.urdf, setup["base_frame"], setup["tip_frame"], tuple(setup["joints"]), prefix)
+
+    def controller(self, settings: Settings | None = None) -> Controller:
+        """A controller in the recorded state at the start of the run.
+
+        Args:
+            settings: Default: those at the start of the recording.
+
+        Raises:
+            RecordingError: The recorded snapshot is that of another version.
+        """
+        settings = settings or self.head.settings
+        snapshot = self.head.snapshot
+        if snapshot is None:
+            return Controller(self.robot(), settings)
+        # The snapshot contains the obstacles; their scene file may not exist here.
+        controller = Controller(self.robot(), settings.with_values({"obstacles.scene": ""}))
+        controller.restore(decode_snapshot(snapshot, ControllerSnapshot))
+        return controller
+
+
+def calls(source: CallSource) -> Iterator[RecordedCall]:
+    """The calls without the snapshots."""
+    return (entry for entry in source.entries() if isinstance(entry, RecordedCall))
+
+
+def argument_of(source: CallSource, recorded: RecordedCall, changes: Mapping[str, Value]) -> Any:
+    """Argument of a recorded call; ``changes`` override the parameters of an ``APPLY`` call.
+
+    Raises InputError when the recorded message is no message of its type.
+    """
+    if recorded.call.kind is CallKind.APPLY:
+        return source.settings(recorded).with_values(changes)
+    return decode_argument(recorded.call.kind, recorded.data)
+
+
+def make_recorded_call(
+    controller: Controller, source: CallSource, recorded: RecordedCall, changes: Mapping[str, Value] | None = None
 ) -> Step | None:
-    """Makes a call as it is recorded; ``changes`` stay in force when it changes parameters."""
-    (kind, _, now), data = event.call, event.data
+    """Makes a recorded call.
+
+    Args:
+        controller: Controller to call.
+        source: Source of the call.
+        recorded: The call.
+        changes: Parameters that override those of an ``APPLY`` call.
+
+    Returns:
+        The Step, or None when the call made none or its argument was refused.
+    """
     try:
-        entry = INPUTS.get(kind)
-        if entry is not None:
-            return entry.make(controller, entry.decode(data), now)
-        if kind in TEXT_CALLS:
-            return TEXT_CALLS[kind](controller, decode_string(data), now)
-        if kind in SETTINGS_CALLS:
-            settings = source.settings(event).with_values(changes or {})
-            return SETTINGS_CALLS[kind](controller, settings, now)
-        return BARE_CALLS[kind](controller, now)
-    except IkNodeError:  # refused, as it was then
+        argument = argument_of(source, recorded, changes or {})
+        return CALL_TABLE[recorded.call.kind].call(controller, argument, recorded.call.now)
+    except IkNodeError:  # refused, as in the recorded run
         return None

@@ -1,4 +1,4 @@
-"""Python's search for garbage, while there is none."""
+"""Less frequent garbage collection during a replay."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-SELDOM = 100_000
-"""New objects after which to look for garbage; Python's own 700 are made in 10 ticks."""
+THRESHOLD = 100_000
+"""New objects before a collection. Python's default of 700 is reached within 10 control steps."""
 
 
 @contextmanager
-def seldom_collecting() -> Iterator[None]:
-    """A run makes and keeps hundreds of thousands of objects, among which there is hardly any garbage.
+def infrequent_gc() -> Iterator[None]:
+    """Raises the threshold of Python's garbage collector.
 
-    Looking for it costs up to 10 us of each tick.
+    A replay creates and keeps hundreds of thousands of objects with hardly any garbage; collections would cost up to
+    10 us per control step.
     """
-    usual = gc.get_threshold()
-    gc.set_threshold(SELDOM, *usual[1:])
+    default = gc.get_threshold()
+    gc.set_threshold(THRESHOLD, *default[1:])
     try:
         yield
     finally:
-        gc.set_threshold(*usual)
+        gc.set_threshold(*default)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from support import PROJECT
 
-from ik_node.recording.call_log import RecordedCalls
 from ik_node.recording.run_reader import load_run
 from ik_node.replay import text
 from ik_node.replay.bitwise import replay
+from ik_node.replay.call_source import RecordingSource
 
 FOLDER = PROJECT / "bags"
 BAGS = sorted(path.parent for path in FOLDER.glob("*/metadata.yaml"))
@@ -22,10 +22,10 @@ LARGEST_MB = 3.0
 
 @pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
 def test_the_recording_comes_out_as_it_is(path: Path) -> None:
-    recorded = RecordedCalls(path)
+    recorded = RecordingSource(path)
     found = replay(recorded)
-    assert found.holds, "\n" + text.as_text(recorded, found, 1.0)
-    assert (found.lost_calls, found.skipped_calls) == (0, 0)
+    assert found.passed, "\n" + text.as_text(recorded, found, 1.0)
+    assert (found.missing_calls, found.skipped_calls) == (0, 0)
 
 
 def test_every_case_of_the_script_is_there() -> None:
@@ -54,6 +54,6 @@ def test_the_recordings_stay_small() -> None:
 )
 def test_the_recordings_hold_what_they_are_for(name: str, words: str) -> None:
     run = load_run(FOLDER / name)
-    assert any(words in change.status.reason for change in run.statuses)
+    assert any(words in change.status.reason for change in run.status_changes)
     assert run.complete
     assert run.dropped == 0

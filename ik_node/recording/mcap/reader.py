@@ -1,24 +1,18 @@
-"""Reads MCAP recordings, whole ones and those that were cut off while being written.
+"""Reader of MCAP recordings, complete ones and those that were cut off while being written.
 
-Files are read from front to back, without their index: a killed writer left none, and nothing of a run is to be
-skipped. Messages come in the order in which they were written.
+Files are read from front to back without their index, because a killed writer leaves none. Messages are returned in the
+order in which they were written.
 """
 
 from __future__ import annotations
 
-import io
 import re
 import struct
-import zlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
-import lz4.frame  # type: ignore[import-untyped]
-import numpy as np
 import yaml
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -28,13 +22,10 @@ from mcap.summary import Summary
 from ik_node.errors import RecordingError
 from ik_node.recording.mcap.file import MAGIC
 from ik_node.recording.mcap.metadata import METADATA_FILE, ROOT, STORAGE
-from ik_node.recording.mcap.scan import CHANNELS, UNKNOWN, UNWANTED, WANTED, wanted_messages
+from ik_node.recording.mcap.scan import DAMAGE_ERRORS, ChunkUnpacker, scan_messages, whole_records
 
-_record = struct.Struct("<BQ")
-_chunk = struct.Struct("<QQQII")
-_length = struct.Struct("<Q")
-_message_channel = struct.Struct("<HIQQ")
-_TELLING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
+_SKIPPED = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
+"""Records without messages."""
 _PART = re.compile(r"_(\d+)\.mcap$")
 
 
@@ -46,19 +37,19 @@ class Topic(NamedTuple):
 
 
 class RecordedMessage(NamedTuple):
-    """One message as it stands in a recording."""
+    """A message of a recording."""
 
     topic: str
     type_name: str
     data: bytes
     """CDR."""
     log_time_ns: int
-    """When it was received or made, ROS time."""
+    """ROS time at which it was received or created."""
     publish_time_ns: int
     sequence: int
 
 
-class Part:
+class McapPart:
     """One MCAP file."""
 
     def __init__(self, path: Path) -> None:
@@ -69,32 +60,46 @@ class Part:
                 begin = stream.read(len(MAGIC))
                 stream.seek(max(0, path.stat().st_size - len(MAGIC)))
                 self.complete = stream.read() == MAGIC and path.stat().st_size > len(MAGIC)
-                """Has its footer; otherwise it was cut off."""
+                """True when the file has its footer; otherwise it was cut off."""
         except OSError as error:
             raise RecordingError(f"'{path}' cannot be read: {error.strerror}") from error
         if begin != MAGIC[: len(begin)]:
             raise RecordingError(f"'{path}' is no MCAP file")
         self.topics: dict[int, Topic] = {}
-        """Channel -> topic, as far as the file was read."""
+        """Channel -> topic, for the part read so far."""
         self.readable_bytes = 0
-        """Up to where the records read so far are whole."""
+        """Offset behind the last record that was read."""
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
-        """Every whole message (of ``topics``), in the order in which it was written.
+        """The messages in the order in which they were written.
 
-        Ends where a cut-off file ends. Raises RecordingError when a complete file is damaged.
+        Args:
+            topics: Names of the topics to read; default: all.
+
+        Yields:
+            Messages up to the last complete record.
+
+        Raises:
+            RecordingError: A file that was closed by its writer is damaged.
         """
-        reading, chunks = _Reading(self.topics, topics), Unpacker()
+        selected, chunks = _MessageFilter(self.topics, topics), ChunkUnpacker()
+        self.readable_bytes = len(MAGIC)
         try:
             with self.path.open("rb") as stream:
-                for opcode, record in self._records(stream):
-                    yield from reading.messages(chunks.unpacked(record) if opcode == Opcode.CHUNK else record)
-        except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
+                for opcode, end, record in whole_records(stream, len(MAGIC), _SKIPPED):
+                    if opcode == Opcode.DATA_END:
+                        return
+                    if opcode == Opcode.CHUNK:
+                        yield from selected.messages(chunks.unpacked(record))
+                    elif record:
+                        yield from selected.messages(record)
+                    self.readable_bytes = end
+        except DAMAGE_ERRORS as error:
             if self.complete:
-                raise RecordingError(f"'{self.path}' is damaged behind byte {self.readable_bytes}: {error}") from error
+                raise RecordingError(f"'{self.path}' is damaged after byte {self.readable_bytes}: {error}") from error
 
     def counts(self) -> dict[Topic, int]:
-        """Topic -> number of messages; from the index where there is one, else by reading everything."""
+        """Topic -> number of messages; from the summary if the file has one."""
         summary = self._summary()
         if summary is not None and summary.statistics is not None:
             found = summary.statistics.channel_message_counts
@@ -115,128 +120,52 @@ class Part:
         try:
             with self.path.open("rb") as stream:
                 return make_reader(stream).get_summary()
-        except (McapError, struct.error, ValueError, KeyError):  # a damaged index: what matters is the data before it
+        except (McapError, struct.error, ValueError, KeyError):  # a damaged summary; the messages precede it
             return None
 
-    def _records(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """Every whole record of the data section that tells of messages, with its opcode and length."""
-        size = self._size()
-        self.readable_bytes = len(MAGIC)
-        stream.seek(self.readable_bytes)
-        while True:
-            opening = stream.read(_record.size)
-            if len(opening) < _record.size:
-                return
-            opcode, length = _record.unpack(opening)
-            end = self.readable_bytes + _record.size + length
-            if end > size:  # or somebody is still writing
-                size = self._size()
-            if end > size or opcode == Opcode.DATA_END:
-                return
-            if opcode in _TELLING:
-                content = stream.read(length)
-                if len(content) < length:
-                    return
-                yield opcode, opening + content
-            else:
-                stream.seek(length, io.SEEK_CUR)
-            self.readable_bytes = end
 
-    def _size(self) -> int:
-        return self.path.stat().st_size
-
-
-class Unpacker:
-    """Takes chunks apart. One instance belongs to one thread."""
-
-    def __init__(self) -> None:
-        # One for all chunks: what it works in need not be made anew for each.
-        self._zstd = zstandard.ZstdDecompressor()
-
-    def unpacked(self, record: bytes) -> bytes:
-        """The records in a whole chunk record; ValueError when they are damaged."""
-        _, _, size, crc, name_length = _chunk.unpack_from(record, _record.size)
-        begin = _record.size + _chunk.size
-        compression = record[begin : begin + name_length]
-        begin += name_length
-        (compressed_size,) = _length.unpack_from(record, begin)
-        begin += _length.size
-        records = self._decompressed(compression, record[begin : begin + compressed_size], size)
-        if len(records) != size or (crc and zlib.crc32(records) != crc):
-            raise ValueError("a chunk does not match its checksum")
-        return records
-
-    def _decompressed(self, compression: bytes, data: bytes, size: int) -> bytes:
-        if compression == b"zstd":
-            return self._zstd.decompress(data, size)
-        if compression == b"lz4":
-            return bytes(lz4.frame.decompress(data))
-        if compression == b"":
-            return data
-        raise RecordingError(f"chunk compression '{compression.decode()}' is not known; valid: none, lz4, zstd")
-
-
-class _Reading:
-    """Messages out of records, with what earlier records said of channels."""
+class _MessageFilter:
+    """Selects messages of the wanted topics; keeps the channels described so far."""
 
     def __init__(self, topics: dict[int, Topic], wanted: Collection[str] | None) -> None:
         self._topics = topics
         self._wanted = wanted
         self._schemas: dict[int, str] = {}
-        self._channels = np.full(CHANNELS, UNKNOWN, dtype=np.uint8)
+        self._channels: dict[int, bool] = {}
 
     def messages(self, records: bytes) -> Iterator[RecordedMessage]:
-        """The messages among ``records``; ValueError when one is of no channel, or cut off."""
-        offset, end, topics = 0, len(records), self._topics
-        while offset < end:
-            rows, offset = wanted_messages(np.frombuffer(records, np.uint8), offset, self._channels)
-            for channel, sequence, log_time_ns, publish_time_ns, begin, behind in rows.tolist():
-                name, type_name = topics[channel]
-                yield RecordedMessage(name, type_name, records[begin:behind], log_time_ns, publish_time_ns, sequence)
-            if offset < end:
-                offset = self._describe(records, offset)
+        """The wanted messages; raises ValueError as :func:`scan_messages` does."""
+        topics = self._topics
+        for channel, sequence, log_time_ns, publish_time_ns, _, begin, end in scan_messages(
+            records, self._channels, self._describe
+        ):
+            name, type_name = topics[channel]
+            yield RecordedMessage(name, type_name, records[begin:end], log_time_ns, publish_time_ns, sequence)
 
-    def _describe(self, records: bytes, offset: int) -> int:
-        """Takes what the record at ``offset`` says of a channel; returns where the next record begins."""
-        opcode, length = _record.unpack_from(records, offset)
-        begin = offset + _record.size
-        if begin + length > len(records):
-            raise ValueError(f"a record of {length} bytes runs past the end of its chunk")
-        content = records[begin : begin + length]
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
-            self._schemas[schema.id] = schema.name
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
-            topic = Topic(channel.topic, self._schemas.get(channel.schema_id, ""))
-            self._topics[channel.id] = topic
-            wanted = self._wanted is None or topic.name in self._wanted
-            self._channels[channel.id] = WANTED if wanted else UNWANTED
-        else:
-            number, *_ = _message_channel.unpack_from(content)
-            raise ValueError(f"a message is of channel {number}, which is not described before it")
-        return begin + int(length)
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(io.BytesIO(content))
+    def _describe(self, record: Schema | Channel) -> None:
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record.name
+            return
+        topic = Topic(record.topic, self._schemas.get(record.schema_id, ""))
+        self._topics[record.id] = topic
+        self._channels[record.id] = self._wanted is None or topic.name in self._wanted
 
 
 class Recording:
-    """A recording on disk: a directory, or one of its files."""
+    """A recording on disk: a folder, or one of its files."""
 
     def __init__(self, path: Path) -> None:
         """Raises RecordingError when there is no recording at ``path``."""
         self.path = path
         metadata = _read_metadata(path) if path.is_dir() else {}
-        self.parts = [Part(file) for file in part_files(path, metadata)]
+        self.parts = [McapPart(file) for file in part_files(path, metadata)]
         self.custom: dict[str, str] = {key: str(value) for key, value in (metadata.get("custom_data") or {}).items()}
         """``custom_data`` of ``metadata.yaml``."""
         self.complete = bool(metadata or path.is_file()) and all(part.complete for part in self.parts)
-        """Closed by its writer: every file has its footer, and ``metadata.yaml`` is there."""
+        """True when the writer closed it: every file has its footer and ``metadata.yaml`` exists."""
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
-        """Every message (of ``topics``) of all files, in the order in which it was written."""
+        """The messages of all files, as :meth:`McapPart.messages`."""
         for part in self.parts:
             yield from part.messages(topics)
 
@@ -255,18 +184,18 @@ def _read_metadata(directory: Path) -> dict[str, Any]:
         metadata = yaml.safe_load(file.read_text())[ROOT]
         if metadata["storage_identifier"] != STORAGE:
             storage = metadata["storage_identifier"]
-            raise RecordingError(f"'{directory}' is stored as {storage}; only {STORAGE} is read here")
+            raise RecordingError(f"'{directory}' is stored as {storage}; only {STORAGE} is supported")
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise RecordingError(f"'{file}' cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise RecordingError(f"'{file}' is no metadata of a recording: {error}") from error
+        raise RecordingError(f"'{file}' is not the metadata of a recording: {error}") from error
     return dict(metadata)
 
 
 def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Path]:
-    """The files of a recording in their order; RecordingError when there is none."""
+    """The files of a recording in their order; raises RecordingError when there is none."""
     if path.is_file():
         return [path]
     names = (metadata or {}).get("relative_file_paths")
@@ -274,6 +203,6 @@ def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Pa
         return [path / str(name) for name in names]
     found = [(match, file) for file in path.glob("*.mcap") if (match := _PART.search(file.name))]
     if not found:
-        what = "holds no MCAP file of a recording" if path.is_dir() else "does not exist"
+        what = "contains no MCAP file of a recording" if path.is_dir() else "does not exist"
         raise RecordingError(f"'{path}' {what}")
     return [file for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]

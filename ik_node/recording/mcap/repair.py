@@ -6,18 +6,12 @@ that are missing. When a repair is cut off itself, the next one does the same ag
 
 from __future__ import annotations
 
-import io
-import struct
 from array import array
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import yaml
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, MessageIndex, Metadata, MetadataIndex, Schema
 
@@ -32,10 +26,16 @@ from ik_node.recording.mcap.metadata import (
     metadata_record,
     write_metadata,
 )
-from ik_node.recording.mcap.reader import Recording, Unpacker, part_files
+from ik_node.recording.mcap.reader import Recording, part_files
+from ik_node.recording.mcap.scan import (
+    DAMAGE_ERRORS,
+    OPENING,
+    ChunkUnpacker,
+    content_stream,
+    scan_messages,
+    whole_records,
+)
 
-_record = struct.Struct("<BQ")
-_message = struct.Struct("<BQHIQQ")
 _LEAST_ZEROS, _MOST_ZEROS = 512, 1 << 26
 """File systems fill up whole blocks; so many zeros in a row are no record's own."""
 
@@ -152,7 +152,8 @@ class _Scan:
         self.missing = 0
         self._expected: dict[int, int] = {}
         self._open: _OpenChunk | None = None
-        self._chunks = Unpacker()
+        self._chunks = ChunkUnpacker()
+        self._channels: dict[int, bool] = {}
         try:
             with path.open("rb") as stream:
                 self._read(stream)
@@ -187,106 +188,79 @@ class _Scan:
         if stream.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"'{self.path}' is no MCAP file")
         size = self.path.stat().st_size
-        written = _without_zeros(stream, size)
+        written = _size_without_zeros(stream, size)
         stream.seek(max(len(MAGIC), size - len(MAGIC)))
-        ends_well = stream.read() == MAGIC
-        stream.seek(self.size)
-        for opcode, record in self._records(stream, size):
-            if opcode != Opcode.CHUNK and self.size + len(record) > written:  # only chunks have a checksum
+        has_footer = stream.read() == MAGIC
+        for opcode, end, record in whole_records(stream, self.size):
+            if opcode == 0 or (opcode != Opcode.CHUNK and end > written):  # only chunks have a checksum
                 break
             if opcode == Opcode.DATA_END:
-                self.whole = ends_well
+                self.whole = has_footer
                 break
             try:
-                self._take(opcode, record)
-            except (struct.error, McapError, ValueError, RuntimeError, zstandard.ZstdError) as error:
-                self._refuse_if_more_follows(stream, size, len(record), error)
+                self._add_record(opcode, record)
+            except DAMAGE_ERRORS as error:
+                self._raise_if_more_follows(stream, size, len(record), error)
                 break
             self.size += len(record)
         if self.whole:
             self.end_chunk(None)
 
-    def _records(self, stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-        while True:
-            opening = stream.read(_record.size)
-            if len(opening) < _record.size:
-                return
-            opcode, length = _record.unpack(opening)
-            if opcode == 0 or self.size + _record.size + length > size:
-                return
-            yield opcode, opening + stream.read(length)
-
-    def _refuse_if_more_follows(self, stream: BinaryIO, size: int, length: int, error: Exception) -> None:
+    def _raise_if_more_follows(self, stream: BinaryIO, size: int, length: int, error: Exception) -> None:
         """A record that cannot be read stands at the end of a file that was cut off, and nowhere else."""
-        opening = stream.read(_record.size)
-        if len(opening) == _record.size:
-            opcode, next_length = _record.unpack(opening)
-            if 0 < opcode <= Opcode.DATA_END and self.size + length + _record.size + next_length <= size:
+        opening = stream.read(OPENING.size)
+        if len(opening) == OPENING.size:
+            opcode, next_length = OPENING.unpack(opening)
+            if 0 < opcode <= Opcode.DATA_END and self.size + length + OPENING.size + next_length <= size:
                 raise RecordingError(
-                    f"'{self.path}' is damaged behind byte {self.size}, not cut off: {error}"
+                    f"'{self.path}' is damaged after byte {self.size}, not cut off: {error}"
                 ) from error
 
-    def _take(self, opcode: int, record: bytes) -> None:
+    def _add_record(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.MESSAGE_INDEX and self._open is not None:
-            index = MessageIndex.read(_stream(record))
+            index = MessageIndex.read(content_stream(record))
             self._open.offsets[index.channel_id] = self.size
             self._open.end = self.size + len(record)
             return
         self.end_chunk(None)
         if opcode == Opcode.CHUNK:
-            self._take_chunk(record)
-        elif opcode == Opcode.MESSAGE:
-            self._take_messages(record)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self._describe(opcode, record)
+            indexes = self._add_messages(self._chunks.unpacked(record))
+            self._open = _OpenChunk(self.size, len(record), Chunk.read(content_stream(record)), indexes)
+        elif opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+            self._add_messages(record)
         elif opcode == Opcode.METADATA:
-            metadata = Metadata.read(_stream(record))
+            metadata = Metadata.read(content_stream(record))
             self.content.metadata.append(MetadataIndex(offset=self.size, length=len(record), name=metadata.name))
             self.records_named.add(metadata.name)
             if metadata.name == RECORD_NAME:
                 self.custom |= _custom(metadata.metadata.get("serialized_metadata", ""))
 
-    def _take_chunk(self, record: bytes) -> None:
-        records = self._chunks.unpacked(record)
-        indexes = self._take_messages(records)
-        self._open = _OpenChunk(self.size, len(record), Chunk.read(_stream(record)), indexes)
-
-    def _take_messages(self, records: bytes) -> dict[int, array[int]]:
-        """Counts messages; returns channel -> log time, offset, ..."""
+    def _add_messages(self, records: bytes) -> dict[int, array[int]]:
+        """Counts messages; returns channel -> log time, offset, log time, offset, ..."""
         indexes: dict[int, array[int]] = {}
-        content, offset = self.content, 0
-        while offset < len(records):
-            opcode, length = _record.unpack_from(records, offset)
-            if opcode == Opcode.MESSAGE:
-                _, _, channel, sequence, log_time_ns, _ = _message.unpack_from(records, offset)
-                if channel not in content.counts:
-                    raise ValueError(f"a message is of channel {channel}, which is not described before it")
-                indexes.setdefault(channel, array("Q")).extend((log_time_ns, offset))
-                self.missing += max(0, sequence - self._expected.get(channel, sequence))
-                self._expected[channel] = sequence + 1
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._describe(opcode, records[offset : offset + _record.size + length])
-            offset += _record.size + length
+        content = self.content
+        for message in scan_messages(records, self._channels, self._describe):
+            indexes.setdefault(message.channel, array("Q")).extend((message.log_time_ns, message.offset))
+            self.missing += max(0, message.sequence - self._expected.get(message.channel, message.sequence))
+            self._expected[message.channel] = message.sequence + 1
         for channel, entries in indexes.items():
             content.counts[channel] += len(entries) // 2
             content.start_ns = min(content.start_ns, *entries[::2])
             content.end_ns = max(content.end_ns, *entries[::2])
         return indexes
 
-    def _describe(self, opcode: int, record: bytes) -> None:
+    def _describe(self, record: Schema | Channel) -> None:
         content = self.content
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(record))
-            if all(known.id != schema.id for known in content.schemas):
-                content.schemas.append(schema)
-            return
-        channel = Channel.read(_stream(record))
-        if channel.id not in content.counts:
-            content.channels.append(channel)
-            content.counts[channel.id] = 0
+        if isinstance(record, Schema):
+            if all(schema.id != record.id for schema in content.schemas):
+                content.schemas.append(record)
+        elif record.id not in content.counts:
+            content.channels.append(record)
+            content.counts[record.id] = 0
+            self._channels[record.id] = True
 
 
-def _without_zeros(stream: BinaryIO, size: int) -> int:
+def _size_without_zeros(stream: BinaryIO, size: int) -> int:
     """Where a power cut may have left zeros instead of what was written: a long run of them at the end."""
     stream.seek(max(0, size - _MOST_ZEROS))
     end = stream.read()
@@ -301,7 +275,3 @@ def _custom(text: str) -> dict[str, str]:
         return {str(key): str(value) for key, value in (metadata["custom_data"] or {}).items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError):
         return {}
-
-
-def _stream(record: bytes) -> ReadDataStream:
-    return ReadDataStream(io.BytesIO(record[_record.size :]))

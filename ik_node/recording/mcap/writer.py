@@ -1,9 +1,10 @@
-"""Writes a rosbag2-style MCAP directory from a thread of its own.
+"""Writes a rosbag2-style MCAP directory, usually from a thread of its own.
 
 The control loop calls :meth:`Recorder.write`, which packs the message and returns; it never waits for the disk and
 never raises. Every :attr:`RecorderOptions.flush_period_s` the thread takes what has gathered and writes it as one
 chunk, so that is all a killed process loses. When the disk cannot keep up the queue fills, and further messages are
-counted and left out.
+counted and left out. Without a thread (:attr:`RecorderOptions.own_thread`), whoever writes says when: a program that
+does not run in real time, and whose recording is to have the same chunks every time.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -51,6 +52,8 @@ class RecorderOptions(NamedTuple):
     """Size from which a new file is due; 0: never."""
     max_part_s: float = 0.0
     """Duration from which a new file is due; 0: never."""
+    own_thread: bool = True
+    """False: the file is written in :meth:`Recorder.write_pending` and :meth:`Recorder.close`, by who calls them."""
 
 
 class _Latched(NamedTuple):
@@ -101,6 +104,8 @@ class Recorder:
         self._split_due = False
         self._parts: list[PartInfo] = []
         self._closing = threading.Event()
+        self._finished = False
+        self._thread: threading.Thread | None = None
         try:
             directory.mkdir(parents=True, exist_ok=False)
             self._file = self._open_part()
@@ -108,8 +113,9 @@ class Recorder:
             raise RecordingError(f"recording '{directory}' exists already; it is not overwritten") from error
         except OSError as error:
             raise RecordingError(f"recording '{directory}' cannot be made: {error.strerror}") from error
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
-        self._thread.start()
+        if self.options.own_thread:
+            self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+            self._thread.start()
 
     # --- called by the control loop ---
 
@@ -169,9 +175,17 @@ class Recorder:
     def close(self) -> None:
         """As :meth:`end`, but waits for queued messages, index and ``metadata.yaml``; harmless when called again."""
         self.end()
+        if self._thread is None:
+            self._finish()
+            return
         self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive() and not self._error:
             self._error = f"recording '{self.directory}' was not finished within {CLOSE_TIMEOUT_S:g} s"
+
+    def write_pending(self) -> None:
+        """Writes what has gathered, as one chunk or more; does nothing where a thread does it, or after the end."""
+        if self._thread is None:
+            self._write_what_gathered()
 
     @property
     def dropped(self) -> int:
@@ -185,24 +199,39 @@ class Recorder:
 
     @property
     def ended(self) -> bool:
-        """True when the thread has nothing left to do: the recording is whole, or has failed."""
-        return not self._thread.is_alive()
+        """True when there is nothing left to do: the recording is whole, or has failed."""
+        return self._finished if self._thread is None else not self._thread.is_alive()
 
     @property
     def split_due(self) -> bool:
         """True when a part has reached its size or duration: :meth:`split` is to be called at a moment that suits."""
         return self._split_due
 
-    # --- the thread ---
+    # --- the thread, or who writes without one ---
 
     def _run(self) -> None:
-        try:
-            closing = False
-            while not closing:
-                closing = self._closing.wait(self.options.flush_period_s)
+        while not (self._closing.wait(self.options.flush_period_s) or self._finished):
+            self._write_what_gathered()
+        self._finish()
+
+    def _write_what_gathered(self) -> None:
+        if not self._finished:
+            with self._giving_up_on_errors():
                 self._write_queued()
-            self._finish_part()
-            self._write_metadata()
+
+    def _finish(self) -> None:
+        """Makes the recording whole, unless that was done or has failed."""
+        if not self._finished:
+            with self._giving_up_on_errors():
+                self._write_queued()
+                self._finish_part()
+                self._write_metadata()
+            self._finished = True
+
+    @contextlib.contextmanager
+    def _giving_up_on_errors(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             self._give_up(f"recording '{self.directory}' has ended: {error.strerror}")
         except Exception as error:  # a defect here must be seen, and must not leave a queue that nobody empties
@@ -258,6 +287,7 @@ class Recorder:
 
     def _give_up(self, reason: str) -> None:
         """Ends the recording as whole as the disk still lets it."""
+        self._finished = True
         with self._lock:
             self._error = reason
             self._dropped += sum(batch.chunk.count for batch in (*self._taken, *self._full, self._filling))

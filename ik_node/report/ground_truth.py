@@ -1,4 +1,4 @@
-"""What the tool should have done: a trajectory sampled densely on the clock of ROS, kept beside a recording."""
+"""Ground truth of a run: the desired tool trajectory, densely sampled in ROS time, stored beside the recording."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
 from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.recording.run import Targets
+from ik_node.recording.run import RecordedTargets
 
-FILE_NAME = "trajectory.csv"
-"""The truth's usual name in a recording's folder."""
+GROUND_TRUTH_FILE = "trajectory.csv"
+"""File name of the ground truth in the folder of a run."""
 HEADER = "ros_ns,x,y,z,qx,qy,qz,qw"
 RATE_HZ = 500.0
-"""Samples per second of a stored truth: at 0.3 m/s2 straight lines between them are within 0.15 um of the curve."""
+"""Sampling rate of a stored ground truth: at 0.3 m/s2 linear interpolation is within 0.15 um of the curve."""
 
 
 class Poses(NamedTuple):
-    """Many poses at once."""
+    """Poses as arrays."""
 
     position: Array
     """(m, 3), m."""
@@ -33,53 +33,72 @@ class Poses(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Dense samples of a motion; straight lines and shortest turns between them, held at both ends."""
+class GroundTruth:
+    """Densely sampled poses; interpolated linearly (Slerp for the orientation), constant before and after."""
 
     ros_ns: NDArray[np.int64]
-    """(m,), not decreasing."""
+    """ROS time, (m,), not decreasing."""
     position: Array
     """(m, 3), m."""
     quaternion: Array
-    """(m, 4) x, y, z, w, of unit norm; neighbours on the same side."""
+    """(m, 4) x, y, z, w, of unit norm; neighbours with a positive scalar product."""
     source: str = "trajectory"
-    """What errors against it are called after."""
+    """Name of the reference in the report."""
 
     def __post_init__(self) -> None:
         count = len(self.ros_ns)
         if self.position.shape != (count, 3) or self.quaternion.shape != (count, 4) or count < 2:
-            raise InputError(f"a truth of {count} samples has positions {self.position.shape}, {self.quaternion.shape}")
+            raise InputError(
+                f"{count} stamps do not match position {self.position.shape} and quaternion {self.quaternion.shape}"
+            )
         if (np.diff(self.ros_ns) < 0).any() or self.ros_ns[0] == self.ros_ns[-1]:
-            raise InputError("the samples of a truth go forward in time")
+            raise InputError("the stamps of a ground truth must not decrease and must span some time")
         if not (np.isfinite(self.position).all() and np.isfinite(self.quaternion).all()):
-            raise InputError("the samples of a truth are finite")
+            raise InputError("the samples of a ground truth must be finite")
 
     def at(self, ros_ns: NDArray[np.int64], lag_s: float = 0.0) -> Poses:
-        """Poses at these moments (m,), each ``lag_s`` earlier."""
-        # Differences of integers first: nanoseconds since 1970 do not fit into a double.
-        wanted = (ros_ns - self.ros_ns[0]) / NS - lag_s
+        """Interpolated poses.
+
+        Args:
+            ros_ns: ROS times, (m,).
+            lag_s: Subtracted from each time.
+        """
+        # Differences of integers first: a double cannot represent nanoseconds since 1970.
+        query = (ros_ns - self.ros_ns[0]) / NS - lag_s
         times = (self.ros_ns - self.ros_ns[0]) / NS
-        index = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
+        index = np.clip(np.searchsorted(times, query, side="right") - 1, 0, len(times) - 2)
         step = times[index + 1] - times[index]
-        u = np.clip((wanted - times[index]) / np.where(step > 0.0, step, 1.0), 0.0, 1.0)[:, None]
+        u = np.clip((query - times[index]) / np.where(step > 0.0, step, 1.0), 0.0, 1.0)[:, None]
         position = (1.0 - u) * self.position[index] + u * self.position[index + 1]
         return Poses(position, _slerp(self.quaternion[index], self.quaternion[index + 1], u))
 
 
-def truth_from(trajectory: Trajectory, start_ros_ns: int, rate_hz: float = RATE_HZ) -> Truth:
-    """Samples ``trajectory``, whose time 0 is ``start_ros_ns``."""
+def ground_truth_from_trajectory(trajectory: Trajectory, start_ros_ns: int, rate_hz: float = RATE_HZ) -> GroundTruth:
+    """Samples a trajectory.
+
+    Args:
+        trajectory: Desired tool motion.
+        start_ros_ns: ROS time at which the trajectory's time is 0.
+        rate_hz: Samples per second.
+    """
     count = max(round(trajectory.duration_s * rate_hz), 1) + 1
     times = np.linspace(0.0, trajectory.duration_s, count)
     poses = [trajectory.pose(time) for time in times.tolist()]
     quaternions = np.array([se3.quaternion_from_rotation(pose[:3, :3]) for pose in poses])
     ros_ns = start_ros_ns + np.round(times * NS).astype(np.int64)
-    return Truth(ros_ns, np.array([pose[:3, 3] for pose in poses]), _one_sided(quaternions))
+    return GroundTruth(ros_ns, np.array([pose[:3, 3] for pose in poses]), _continuous(quaternions))
 
 
-def truth_from_targets(targets: Targets, base_frame: str) -> Truth | None:
-    """The poses that were streamed, as a stand-in where nobody kept the trajectory; None when there are not two.
+def ground_truth_from_targets(targets: RecordedTargets, base_frame: str) -> GroundTruth | None:
+    """The recorded targets as ground truth, for a run without a stored trajectory.
 
-    Refused ones and those of other frames are left out. A stamp of 0 counts as the arrival.
+    Args:
+        targets: All received target poses. Invalid poses and those in other frames are skipped; the arrival time
+            replaces a stamp of 0.
+        base_frame: Name of the base frame.
+
+    Returns:
+        None if fewer than two usable targets, or targets of one instant only, were recorded.
     """
     norm = np.linalg.norm(targets.quaternion_xyzw, axis=1)
     usable = np.isfinite(targets.position).all(axis=1) & (np.abs(norm - 1.0) < se3.ROTATION_TOLERANCE)
@@ -89,15 +108,18 @@ def truth_from_targets(targets: Targets, base_frame: str) -> Truth | None:
         return None
     order = np.argsort(stamps, kind="stable")
     quaternions = (targets.quaternion_xyzw / norm[:, None])[usable][order]
-    return Truth(stamps[order], targets.position[usable][order], _one_sided(quaternions), "recorded targets")
+    return GroundTruth(stamps[order], targets.position[usable][order], _continuous(quaternions), "recorded targets")
 
 
-def write_truth(path: str | Path, trajectory: Trajectory | Truth, start_ros_ns: int = 0) -> Truth:
-    """Stores a truth, or a trajectory that began at ``start_ros_ns``, as CSV, and returns it.
+def write_ground_truth(path: str | Path, trajectory: Trajectory | GroundTruth, start_ros_ns: int = 0) -> GroundTruth:
+    """Stores a ground truth, or a trajectory that began at ``start_ros_ns``, as CSV, and returns the ground truth.
 
-    Refuses to overwrite: RecordingError, as when the file cannot be written.
+    Raises:
+        RecordingError: The file exists or cannot be written.
     """
-    truth = trajectory if isinstance(trajectory, Truth) else truth_from(trajectory, start_ros_ns)
+    truth = (
+        trajectory if isinstance(trajectory, GroundTruth) else ground_truth_from_trajectory(trajectory, start_ros_ns)
+    )
     try:
         with Path(path).open("x", encoding="utf-8") as file:
             file.write(HEADER + "\n")
@@ -108,34 +130,43 @@ def write_truth(path: str | Path, trajectory: Trajectory | Truth, start_ros_ns: 
     return truth
 
 
-def read_truth(path: str | Path) -> Truth:
-    """Reads what :func:`write_truth` wrote; RecordingError when it is something else."""
+def read_ground_truth(path: str | Path) -> GroundTruth:
+    """Reads a file of :func:`write_ground_truth`; raises RecordingError when it is missing or has another format."""
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"the trajectory cannot be read: {error}") from error
     if not lines or lines[0].strip() != HEADER:
-        raise RecordingError(f"{path} is no trajectory of a run; its first line is not {HEADER}")
+        raise RecordingError(f"{path} is no ground truth: its first line is not {HEADER}")
     try:
         rows = [line.split(",") for line in lines[1:] if line.strip()]
         stamps = np.array([int(row[0]) for row in rows], dtype=np.int64)
         numbers = np.array([[float(text) for text in row[1:]] for row in rows], dtype=np.float64).reshape(-1, 7)
         quaternions = numbers[:, 3:] / np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
-        return Truth(stamps, numbers[:, :3], _one_sided(quaternions))
+        return GroundTruth(stamps, numbers[:, :3], _continuous(quaternions))
     except (ValueError, IndexError) as error:
-        raise RecordingError(f"{path} is no trajectory of a run: {error}") from error
+        raise RecordingError(f"{path} is no ground truth: {error}") from error
 
 
 def rotation_angle(first: Array, second: Array) -> Array:
-    """Angle (m,) in rad between the orientations of unit quaternions (m, 4); accurate near 0 and near pi."""
+    """Angles between orientations, accurate near 0 and near pi.
+
+    Args:
+        first: Unit quaternions, (m, 4).
+        second: Unit quaternions, (m, 4), in the same order of components.
+
+    Returns:
+        (m,), rad: 4 atan2(|p - q|, |p + q|) with the sign of q for which the scalar product is not negative.
+    """
     sign = np.where((first * second).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
-    apart, together = np.linalg.norm(first - sign * second, axis=1), np.linalg.norm(first + sign * second, axis=1)
-    result: Array = 4.0 * np.arctan2(apart, together)
+    difference = np.linalg.norm(first - sign * second, axis=1)
+    total = np.linalg.norm(first + sign * second, axis=1)
+    result: Array = 4.0 * np.arctan2(difference, total)
     return result
 
 
-def _one_sided(quaternions: Array) -> Array:
-    """The same orientations with neighbours on the same side of the sphere."""
+def _continuous(quaternions: Array) -> Array:
+    """Flips signs so that the scalar product of neighbours is not negative."""
     flips = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
     result: Array = quaternions * np.concatenate(([1.0], np.cumprod(flips)))[:, None]
     return result

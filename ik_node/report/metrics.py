@@ -1,4 +1,4 @@
-"""The figures of a run."""
+"""Scalar metrics of a run."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ import numpy as np
 
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.extremes import Margin, Multiplier, margin, multiplier
-from ik_node.report.ground_truth import Truth, truth_from_targets
-from ik_node.report.tracking import Series, Tracking, compare
+from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
+from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
+from ik_node.report.tracking import TrackingMetrics, TrackingSeries, compare
 
 SETTLE_S = 1.0
-"""Errors in this time after the start are told apart."""
-LOST_NOISE = 1e-9
-"""A lost twist (m/s, rad/s) below this is rounding."""
+"""Duration of the initial transient, which the settled errors exclude."""
+TRUNCATION_TOLERANCE = 1e-9
+"""A truncated twist (m/s, rad/s) below this is rounding error."""
 
 
-class Ticks(NamedTuple):
-    """When the controller ran."""
+class TimingMetrics(NamedTuple):
+    """Intervals between control steps."""
 
     number: int
+    """Recorded control steps."""
     rate_hz: float
     """Mean over the run."""
     period_median_ms: float
@@ -31,107 +32,116 @@ class Ticks(NamedTuple):
     period_p99_ms: float
     period_max_ms: float
     missing: int
-    """Ticks that were made and are not in the recording."""
+    """Control steps that are not in the recording."""
 
 
-class Speed(NamedTuple):
-    """The fastest command."""
+class SpeedMetrics(NamedTuple):
+    """Largest velocity command relative to its limit."""
 
     part_of_limit: float
+    """Ratio to the limit of that joint."""
     joint: str
     time_s: float
     non_finite: int
-    """Commands that were not finite."""
+    """Number of commands that are not finite."""
     over_limit: int
-    """Commands above a velocity limit."""
+    """Number of commands above a velocity limit."""
 
 
-class Singularity(NamedTuple):
-    """What came near a singularity, and what it cost."""
+class SingularityMetrics(NamedTuple):
+    """Smallest singular value, and the truncated twist V - V_f near singularities."""
 
     least: float
-    """Least singular value of J_b with weighted angular rows, m."""
+    """Smallest singular value of J_b with weighted angular rows, m."""
     time_s: float
-    lost_linear_rms: float
-    """Of V - V_f, m/s."""
-    lost_linear_max: float
-    lost_angular_rms: float
+    truncated_linear_rms: float
+    """m/s."""
+    truncated_linear_max: float
+    truncated_angular_rms: float
     """rad/s."""
-    lost_angular_max: float
-    lossy_s: float
-    """Time in which something was lost, s."""
+    truncated_angular_max: float
+    truncated_s: float
+    """Time with a truncated twist, s."""
 
 
-class Scaling(NamedTuple):
-    """What the limits slowed down."""
+class ScalingMetrics(NamedTuple):
+    """Task scale s and the active limits."""
 
     least: float
-    """Least s."""
+    """Smallest s."""
     slowed_s: float
     """Time with s < 1, s."""
     binding: tuple[tuple[str, float], ...]
-    """Limits that bound, with the time they did in s, longest first."""
+    """(active limit, time it was active in s), longest first."""
 
 
-class Nearness(NamedTuple):
-    """How near the arm came to obstacles and to itself."""
+class ClearanceMetrics(NamedTuple):
+    """Smallest distance to an obstacle or between links."""
 
     least: float
-    """Smallest clearance, m; NaN where none was measured."""
+    """m; NaN if no distance was computed."""
     time_s: float
     pair: tuple[str, ...]
-    """Which two it was between."""
+    """Names of the closest pair."""
 
 
-class Period(NamedTuple):
-    """Time in one mode for one reason."""
+class StatePeriod(NamedTuple):
+    """Total time in one mode with one reason."""
 
     mode: str
     reason: str
     duration_s: float
 
 
-class Report(NamedTuple):
-    """Everything measured of one run."""
+class RunMetrics(NamedTuple):
+    """All metrics of one run; the field names are the keys of the JSON report."""
 
     robot: str
     trajectory: str
     method: str
     joints: tuple[str, ...]
     duration_s: float
-    """From the first tick to the last."""
-    tracking: Tracking | None
-    """None when there is nothing to compare with."""
-    ticks: Ticks
-    speed: Speed
-    singularity: Singularity
-    scaling: Scaling
-    nearness: Nearness
-    margin: Margin
-    multiplier: Multiplier
-    periods: tuple[Period, ...]
+    """From the first control step to the last."""
+    tracking: TrackingMetrics | None
+    """None without a ground truth."""
+    ticks: TimingMetrics
+    speed: SpeedMetrics
+    singularity: SingularityMetrics
+    scaling: ScalingMetrics
+    nearness: ClearanceMetrics
+    margin: JointLimitMargin
+    multiplier: MultiplierMaxima
+    periods: tuple[StatePeriod, ...]
     """Longest first."""
     targets: int
-    """Poses received."""
+    """Number of received target poses."""
     target_rate_hz: float
     dropped: int
-    """Messages that the recording had to leave out."""
+    """Messages that the recorder dropped."""
     complete: bool
-    """Whether the recording was closed by its writer."""
-    series: Series | None
-    """For pictures; no part of the JSON."""
+    """Whether the recorder closed the recording."""
+    series: TrackingSeries | None
+    """For plots; not part of the JSON."""
 
 
-def figures(run: Run, truth: Truth | None = None, trajectory: str = "", settle_s: float = SETTLE_S) -> Report:
-    """Measures ``run`` against ``truth``, else against the poses that were streamed to it.
+def compute_metrics(
+    run: Run, truth: GroundTruth | None = None, trajectory: str = "", settle_s: float = SETTLE_S
+) -> RunMetrics:
+    """Computes all metrics of a run.
 
-    The error is that of the measured tool pose, which is the forward kinematics of the measured joint positions at the
-    joint state's own stamp, against the truth at that same moment. The node's own desired pose has no part in it.
+    The tracking error compares the measured tool pose, the forward kinematics of the measured joint positions, with the
+    ground truth at the stamp of the joint state. The node's desired pose is not used.
+
+    Args:
+        run: The recorded run.
+        truth: Ground truth; the recorded targets if None.
+        trajectory: Name of the trajectory in the report.
+        settle_s: Duration of the initial transient, which the settled errors exclude.
     """
-    against = truth or truth_from_targets(run.targets, run.base_frame)
-    tracking, series = (None, None) if against is None else compare(run, against, settle_s)
-    held_s = _durations(run)
-    return Report(
+    reference = truth or ground_truth_from_targets(run.targets, run.base_frame)
+    tracking, series = (None, None) if reference is None else compare(run, reference, settle_s)
+    durations_s = _durations(run)
+    return RunMetrics(
         robot=run.robot or robot_name(run.urdf),
         trajectory=trajectory,
         method=str(run.settings.get("method", "")),
@@ -140,12 +150,12 @@ def figures(run: Run, truth: Truth | None = None, trajectory: str = "", settle_s
         tracking=tracking,
         ticks=_ticks(run),
         speed=_speed(run),
-        singularity=_singularity(run, held_s),
-        scaling=_scaling(run, held_s),
-        nearness=_nearness(run),
-        margin=margin(run),
-        multiplier=multiplier(run),
-        periods=_periods(run, held_s),
+        singularity=_singularity(run, durations_s),
+        scaling=_scaling(run, durations_s),
+        nearness=_clearance(run),
+        margin=joint_limit_margin(run),
+        multiplier=multiplier_maxima(run),
+        periods=_periods(run, durations_s),
         targets=len(run.targets.times_s),
         target_rate_hz=_rate(run.targets.times_s),
         dropped=run.dropped,
@@ -155,37 +165,37 @@ def figures(run: Run, truth: Truth | None = None, trajectory: str = "", settle_s
 
 
 def robot_name(urdf: str) -> str:
-    """The name that a URDF gives its robot."""
+    """Value of the attribute ``name`` of a URDF's robot element; ``robot`` if there is none."""
     found = re.search(r"<robot\b[^>]*\bname\s*=\s*[\"']([^\"']*)", urdf)
     return found.group(1) if found else "robot"
 
 
-def part_of_limit(run: Run) -> Array:
-    """Commands as part of the velocity limits, (k, n), signed."""
+def velocity_ratio(run: Run) -> Array:
+    """Velocity commands divided by the velocity limits, (k, n), signed."""
     result: Array = run.joint_velocity / run.velocity_limits
     return result
 
 
 def _durations(run: Run) -> Array:
-    """How long each tick's command was held, (k,), s; the last one as long as usual."""
+    """Duration of each command, (k,), s; the last one is given the median duration."""
     periods = np.diff(run.times_s)
-    usual = float(np.median(periods)) if len(periods) else 0.0
-    return np.append(periods, usual) if len(run.times_s) else periods
+    median = float(np.median(periods)) if len(periods) else 0.0
+    return np.append(periods, median) if len(run.times_s) else periods
 
 
 def _rate(times: Array) -> float:
-    """Events per second, from the median interval: pauses do not count."""
+    """Events per second from the median interval, so that pauses have no effect."""
     if len(times) < 2:
         return math.nan
     period = float(np.median(np.diff(times)))
     return 1.0 / period if period > 0.0 else math.nan
 
 
-def _ticks(run: Run) -> Ticks:
+def _ticks(run: Run) -> TimingMetrics:
     periods = 1e3 * np.diff(run.times_s)
     if not len(periods):
-        return Ticks(len(run.tick), math.nan, math.nan, math.nan, math.nan, math.nan, 0)
-    return Ticks(
+        return TimingMetrics(len(run.tick), math.nan, math.nan, math.nan, math.nan, math.nan, 0)
+    return TimingMetrics(
         number=len(run.tick),
         rate_hz=float(1e3 / periods.mean()),
         period_median_ms=float(np.median(periods)),
@@ -196,70 +206,70 @@ def _ticks(run: Run) -> Ticks:
     )
 
 
-def _speed(run: Run) -> Speed:
+def _speed(run: Run) -> SpeedMetrics:
     finite = np.isfinite(run.joint_velocity)
-    parts = np.where(finite, np.abs(part_of_limit(run)), -1.0)
+    ratios = np.where(finite, np.abs(velocity_ratio(run)), -1.0)
     if not finite.any():
-        return Speed(math.nan, "", math.nan, len(parts), 0)
-    row, joint = np.unravel_index(int(parts.argmax()), parts.shape)
-    return Speed(
-        part_of_limit=float(parts[row, joint]),
+        return SpeedMetrics(math.nan, "", math.nan, len(ratios), 0)
+    row, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
+    return SpeedMetrics(
+        part_of_limit=float(ratios[row, joint]),
         joint=run.joints[int(joint)],
         time_s=float(run.times_s[row]),
         non_finite=int((~finite).any(axis=1).sum()),
-        over_limit=int((parts > 1.0).any(axis=1).sum()),
+        over_limit=int((ratios > 1.0).any(axis=1).sum()),
     )
 
 
-def _singularity(run: Run, held_s: Array) -> Singularity:
+def _singularity(run: Run, durations_s: Array) -> SingularityMetrics:
     last = run.singular_values[:, -1] if run.singular_values.size else np.empty(0)
-    known = np.isfinite(last)
-    row = int(np.where(known, last, np.inf).argmin()) if known.any() else -1
-    lost = run.lost_b[np.isfinite(run.lost_b).all(axis=1)]
-    linear, angular = np.linalg.norm(lost[:, :3], axis=1), np.linalg.norm(lost[:, 3:], axis=1)
+    finite = np.isfinite(last)
+    row = int(np.where(finite, last, np.inf).argmin()) if finite.any() else -1
+    truncated = run.truncated_b[np.isfinite(run.truncated_b).all(axis=1)]
+    linear, angular = np.linalg.norm(truncated[:, :3], axis=1), np.linalg.norm(truncated[:, 3:], axis=1)
     with np.errstate(invalid="ignore"):
-        lossy = np.abs(run.lost_b).max(axis=1, initial=0.0) > LOST_NOISE
-    return Singularity(
+        is_truncated = np.abs(run.truncated_b).max(axis=1, initial=0.0) > TRUNCATION_TOLERANCE
+    return SingularityMetrics(
         least=float(last[row]) if row >= 0 else math.nan,
         time_s=float(run.times_s[row]) if row >= 0 else math.nan,
-        lost_linear_rms=_rms(linear),
-        lost_linear_max=float(linear.max(initial=0.0)),
-        lost_angular_rms=_rms(angular),
-        lost_angular_max=float(angular.max(initial=0.0)),
-        lossy_s=float(held_s[lossy].sum()),
+        truncated_linear_rms=_rms(linear),
+        truncated_linear_max=float(linear.max(initial=0.0)),
+        truncated_angular_rms=_rms(angular),
+        truncated_angular_max=float(angular.max(initial=0.0)),
+        truncated_s=float(durations_s[is_truncated].sum()),
     )
 
 
-def _nearness(run: Run) -> Nearness:
-    known = np.isfinite(run.clearance)
-    if not known.any():
-        return Nearness(math.nan, math.nan, ())
-    row = int(np.where(known, run.clearance, np.inf).argmin())
-    return Nearness(float(run.clearance[row]), float(run.times_s[row]), run.closest_pair[row])
+def _clearance(run: Run) -> ClearanceMetrics:
+    finite = np.isfinite(run.clearance)
+    if not finite.any():
+        return ClearanceMetrics(math.nan, math.nan, ())
+    row = int(np.where(finite, run.clearance, np.inf).argmin())
+    return ClearanceMetrics(float(run.clearance[row]), float(run.times_s[row]), run.closest_pair[row])
 
 
-def _scaling(run: Run, held_s: Array) -> Scaling:
-    known = np.isfinite(run.scale)
+def _scaling(run: Run, durations_s: Array) -> ScalingMetrics:
+    finite = np.isfinite(run.scale)
     with np.errstate(invalid="ignore"):
         slowed = run.scale < 1.0
     times: dict[str, float] = {}
-    for names, duration in zip(run.binding, held_s.tolist(), strict=True):
+    for names, duration in zip(run.binding, durations_s.tolist(), strict=True):
         for name in names:
             times[name] = times.get(name, 0.0) + duration
-    return Scaling(
-        least=float(run.scale[known].min()) if known.any() else math.nan,
-        slowed_s=float(held_s[slowed].sum()),
+    return ScalingMetrics(
+        least=float(run.scale[finite].min()) if finite.any() else math.nan,
+        slowed_s=float(durations_s[slowed].sum()),
         binding=tuple(sorted(times.items(), key=lambda item: (-item[1], item[0]))),
     )
 
 
-def _periods(run: Run, held_s: Array) -> tuple[Period, ...]:
+def _periods(run: Run, durations_s: Array) -> tuple[StatePeriod, ...]:
     times: dict[tuple[str, str], float] = {}
-    for status, duration in zip(run.status, held_s.tolist(), strict=True):
+    for status, duration in zip(run.status, durations_s.tolist(), strict=True):
         key = (status.mode.value, status.reason)
         times[key] = times.get(key, 0.0) + duration
     longest = sorted(times.items(), key=lambda item: (-item[1], item[0]))
-    return tuple(Period(mode, reason, duration) for (mode, reason), duration in longest)
+    return tuple(StatePeriod(mode, reason, duration) for (mode, reason), duration in longest)
 
 
 def _rms(values: Array) -> float:

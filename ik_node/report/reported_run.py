@@ -1,4 +1,4 @@
-"""Recordings side by side: each with its name, its colour and its place on a common axis of time."""
+"""A recording with its metrics, its name and colour in the report, and its offset on the common time axis."""
 
 from __future__ import annotations
 
@@ -13,72 +13,77 @@ from ik_node.errors import IkNodeError, RecordingError
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
-from ik_node.report.ground_truth import FILE_NAME, Truth, read_truth
-from ik_node.report.metrics import Report, figures
-from ik_node.report.style import SUBJECT_COLOURS
+from ik_node.report.ground_truth import GROUND_TRUTH_FILE, GroundTruth, read_ground_truth
+from ik_node.report.metrics import RunMetrics, compute_metrics
+from ik_node.report.style import RUN_COLOURS
 from ik_node.report.text import title
 
 USUAL_NAME = "bag"
-"""What ``ik_demo`` calls every recording: its folder's name says more."""
+"""Folder name of every recording of ``ik_demo``; the parent's name is more specific."""
 
 
-class Subject(NamedTuple):
-    """One of the recordings that are reported together."""
+class ReportedRun(NamedTuple):
+    """One of the recordings of a report."""
 
     name: str
     run: Run
-    report: Report
+    metrics: RunMetrics
     colour: str
     zero_s: float = 0.0
-    """Moment on the axis of ``Run.times_s`` that is 0 in the pictures."""
+    """Time on the axis of ``Run.times_s`` that is 0 in the plots."""
 
     @property
     def times_s(self) -> Array:
-        """Of every tick, (k,), on the pictures' axis."""
+        """Times of all control steps, (k,), on the plots' axis."""
         result: Array = self.run.times_s - self.zero_s
         return result
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last tick on the pictures' axis."""
+        """First and last control step on the plots' axis."""
         times = self.times_s
         return (float(times[0]), float(times[-1])) if len(times) else (0.0, 0.0)
 
 
-def subject_of(run: Run, report: Report) -> Subject:
-    """One run alone."""
-    return Subject(title(report), run, report, SUBJECT_COLOURS[0])
+def report_run(run: Run, metrics: RunMetrics) -> ReportedRun:
+    """A report of a single run."""
+    return ReportedRun(title(metrics), run, metrics, RUN_COLOURS[0])
 
 
-def read_subjects(bags: Sequence[Path], truth: Path | None = None) -> tuple[Subject, ...]:
-    """Reads and measures recordings: against ``truth``, else what lies beside each, else the targets in it.
+def read_reported_runs(bags: Sequence[Path], truth: Path | None = None) -> tuple[ReportedRun, ...]:
+    """Reads recordings and computes their metrics.
 
-    Several share an axis of time that begins at the first target of each; with one that has no target, at the first
-    tick. Raises RecordingError that names the recording when one cannot be read, and our other errors where a robot
-    or a truth cannot.
+    If all of several recordings have targets, their time axes are aligned at the first target of each.
+
+    Args:
+        bags: Folders or MCAP files of recordings.
+        truth: Ground truth of all; otherwise the file beside each recording, or else its targets.
+
+    Raises:
+        IkNodeError: A recording, robot or ground truth cannot be read; the message names the recording.
     """
     read = []
     for bag in bags:
         try:
             run = load_run(bag)
-            read.append((run, figures(run, _truth(bag, truth))))
+            read.append((run, compute_metrics(run, _truth(bag, truth))))
         except IkNodeError as error:
             raise error if str(bag) in str(error) else RecordingError(f"'{bag}': {error}") from error
     aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _ in read)
     return tuple(
-        Subject(
+        ReportedRun(
             name,
             run,
-            report,
-            SUBJECT_COLOURS[index % len(SUBJECT_COLOURS)],
+            metrics,
+            RUN_COLOURS[index % len(RUN_COLOURS)],
             float(run.targets.times_s[0]) if aligned else 0.0,
         )
-        for index, (name, (run, report)) in enumerate(zip(names_of(bags), read, strict=True))
+        for index, (name, (run, metrics)) in enumerate(zip(names_of(bags), read, strict=True))
     )
 
 
 def names_of(bags: Sequence[Path]) -> tuple[str, ...]:
-    """The shortest ends of the paths that tell them apart; the same recording twice is numbered."""
+    """The shortest distinct ends of the paths; the same path given twice is numbered."""
     places = [bag.resolve() for bag in bags]
     parts = [(place.with_suffix("") if place.suffix == ".mcap" else place).parts for place in places]
     lengths = [2 if path[-1] == USUAL_NAME and len(path) > 1 else 1 for path in parts]
@@ -107,36 +112,39 @@ def names_of(bags: Sequence[Path]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def span_of(subjects: Sequence[Subject]) -> tuple[float, float]:
-    """From the first tick of any to the last of any, on the pictures' axis."""
-    spans = [subject.span_s for subject in subjects]
+def span_of(reported_runs: Sequence[ReportedRun]) -> tuple[float, float]:
+    """From the first control step of all runs to the last, on the plots' axis."""
+    spans = [reported.span_s for reported in reported_runs]
     return min(begin for begin, _ in spans), max(end for _, end in spans)
 
 
-def time_label(subjects: Sequence[Subject]) -> str:
-    """What the axis of time counts from."""
-    aligned = any(subject.zero_s for subject in subjects)
+def time_label(reported_runs: Sequence[ReportedRun]) -> str:
+    """Label of the time axis."""
+    aligned = any(reported.zero_s for reported in reported_runs)
     return "time since the first target [s]" if aligned else "time [s]"
 
 
-def all_joints(subjects: Sequence[Subject]) -> tuple[str, ...]:
-    """Every joint's name once, in the order of the first robot that has it."""
-    return tuple(dict.fromkeys(joint for subject in subjects for joint in subject.run.joints))
+def all_joints(reported_runs: Sequence[ReportedRun]) -> tuple[str, ...]:
+    """The joint names of all runs without duplicates, in order of first appearance."""
+    return tuple(dict.fromkeys(joint for reported in reported_runs for joint in reported.run.joints))
 
 
-def methods_of(subject: Subject) -> tuple[str, ...]:
-    """The method at the start and those that were changed to."""
-    changes = (changed["method"] for _, changed in subject.run.setting_changes if "method" in changed)
-    return tuple(dict.fromkeys((subject.report.method, *map(str, changes))))
+def methods_of(reported: ReportedRun) -> tuple[str, ...]:
+    """The method at the start, then those set later."""
+    changes = (changed["method"] for _, changed in reported.run.setting_changes if "method" in changed)
+    return tuple(dict.fromkeys((reported.metrics.method, *map(str, changes))))
 
 
-def potential_wrench(subject: Subject) -> Array:
-    """The potential's term of the multiplier times 1/k, (k, 6): a wrench, N and N m.
+def potential_wrench(reported: ReportedRun) -> Array:
+    """The potential term of the multiplier divided by the gain k: a wrench on the tool.
 
-    k is ``gradient_gain`` as it stood at each tick. Where ``null_space_speed`` had lowered k, this is the wrench times
-    that part: the k that was used is not in the recording. NaN where k is 0 or not recorded.
+    k is the parameter ``gradient_gain`` at each control step. Where ``null_space_speed`` reduced k, the result is the
+    wrench times that reduction, because the reduced k is not recorded.
+
+    Returns:
+        (k, 6), N and N m; NaN where the gain is 0 or not recorded.
     """
-    run = subject.run
+    run = reported.run
     gain = np.full(len(run.times_s), _number(run.settings.get("gradient_gain")))
     for time_s, changed in run.setting_changes:
         if "gradient_gain" in changed:
@@ -150,10 +158,10 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else np.nan
 
 
-def _truth(bag: Path, given: Path | None) -> Truth | None:
-    """The truth that was given, or that lies beside the recording's folder; None where there is none."""
+def _truth(bag: Path, given: Path | None) -> GroundTruth | None:
+    """The given ground truth, or that beside the recording's folder; None if there is none."""
     if given is not None:
-        return read_truth(given)
+        return read_ground_truth(given)
     place = bag.resolve()
-    beside = (place if place.is_dir() else place.parent).parent / FILE_NAME
-    return read_truth(beside) if beside.is_file() else None
+    beside = (place if place.is_dir() else place.parent).parent / GROUND_TRUTH_FILE
+    return read_ground_truth(beside) if beside.is_file() else None

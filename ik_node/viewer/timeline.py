@@ -1,177 +1,183 @@
-"""What the viewer shows over time: the columns of a run it needs, whether recorded or still going on."""
+"""The data that the viewer displays over time: the fields of Step, recorded or live.
+
+All fields are those of :data:`~ik_node.interfaces.step.STEP_FIELDS`; a field that is added to Step needs no edit here.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node.interfaces.step import Status
+from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Status
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 
 
-class Moment(NamedTuple):
-    """One tick. What is not known is NaN. Twists and wrenches (6,): linear part first, in {b}."""
+def _smallest(singular_values: Array) -> Array:
+    """The last singular value, (k,) or (); NaN where the arm has none."""
+    if singular_values.shape[-1]:
+        result: Array = singular_values[..., -1]
+        return result
+    return np.full(singular_values.shape[:-1], np.nan)
+
+
+class TimelineFrame(NamedTuple):
+    """One control step. The fields of Step are attributes; what was not computed is NaN."""
 
     time_s: float
-    """On the axis of the film."""
-    q: Array
-    """(n,), rad (m)."""
-    joint_velocity: Array
-    """The command, (n,), rad/s (m/s)."""
-    pose_sb: Array
-    """Tool, (4, 4)."""
-    pose_sd: Array
-    """Desired pose, (4, 4)."""
-    error_b: Array
-    """log(T_bd), m and rad."""
-    multiplier_task: Array
-    """First term of lambda."""
-    multiplier_potential: Array
-    """Second term of lambda."""
-    closest_points: Array
-    """Where the clearance is, in the base frame, (2, 3), m."""
-    sigma_min: float
-    """Least singular value of J_b with weighted angular rows, m."""
-    scale: float
-    """s."""
-    clearance: float
-    """m."""
-    closest_pair: tuple[str, ...]
-    """Whose clearance that is."""
-    binding: tuple[str, ...]
-    """Names of the limits that bound."""
-    status: Status
+    """On the axis of the timeline."""
+    columns: Mapping[str, Any]
+    """Array or number of a Step -> value."""
+    texts: Mapping[str, Any]
+    """Text field of a Step -> value."""
+
+    def __getattr__(self, name: str) -> Any:
+        """A field of Step."""
+        for fields in (self.columns, self.texts):
+            if name in fields:
+                return fields[name]
+        raise AttributeError(f"TimelineFrame has no attribute '{name}'")
+
+    @property
+    def sigma_min(self) -> float:
+        """Smallest singular value of J_b with weighted angular rows, m."""
+        return float(_smallest(self.columns["singular_values"]))
+
+    @property
+    def status(self) -> Status:
+        """Mode and reason."""
+        status: Status = self.texts["status"]
+        return status
 
 
-class Film(NamedTuple):
-    """Moments as arrays; row i of each belongs together. Fields as in :class:`Moment`, k rows each."""
+class Timeline(NamedTuple):
+    """k control steps as arrays; row i of each belongs to ``times_s[i]``. The fields of Step are attributes."""
 
     times_s: Array
     """(k,), not decreasing."""
-    q: Array
-    joint_velocity: Array
-    pose_sb: Array
-    pose_sd: Array
-    error_b: Array
-    multiplier_task: Array
-    multiplier_potential: Array
-    closest_points: Array
-    sigma_min: Array
-    scale: Array
-    clearance: Array
-    closest_pair: tuple[tuple[str, ...], ...]
-    binding: tuple[tuple[str, ...], ...]
-    status: tuple[Status, ...]
+    columns: Mapping[str, Array]
+    """Array or number of a Step -> values, (k, *shape)."""
+    texts: Mapping[str, tuple[Any, ...]]
+    """Text field of a Step -> value per row."""
+
+    def __getattr__(self, name: str) -> Array:
+        """An array or number of Step, (k, *shape)."""
+        if name in self.columns:
+            return self.columns[name]
+        raise AttributeError(f"Timeline has no attribute '{name}'")
+
+    @property
+    def status(self) -> tuple[Status, ...]:
+        """Status per row."""
+        return self.texts["status"]
+
+    @property
+    def sigma_min(self) -> Array:
+        """Smallest singular values, (k,), m."""
+        return _smallest(self.columns["singular_values"])
+
+    @property
+    def position_error(self) -> Array:
+        """Distance of the tool from the desired position, (k,), m."""
+        result: Array = np.linalg.norm(self.columns["error_b"][:, :3], axis=1)
+        return result
 
     @property
     def begin_s(self) -> float:
-        """Time of the first moment; 0 where there is none."""
+        """Time of the first row; 0 for an empty timeline."""
         return float(self.times_s[0]) if len(self.times_s) else 0.0
 
     @property
     def end_s(self) -> float:
-        """Time of the last moment; 0 where there is none."""
+        """Time of the last row; 0 for an empty timeline."""
         return float(self.times_s[-1]) if len(self.times_s) else 0.0
 
     def row(self, time_s: float) -> int:
-        """The last row at or before ``time_s``, but at least the first."""
+        """The last row at or before ``time_s``, or the first row."""
         return max(int(np.searchsorted(self.times_s, time_s, side="right")) - 1, 0)
 
-    def moment(self, row: int) -> Moment:
-        """One row; IndexError where there is none."""
-        columns: list[Any] = [column[row] for column in self]
-        values: list[Any] = [float(value) if isinstance(value, np.float64) else value for value in columns]
-        return Moment(*values)
+    def frame(self, row: int) -> TimelineFrame:
+        """One row; raises IndexError if it does not exist."""
+        return TimelineFrame(
+            float(self.times_s[row]),
+            {name: column[row] for name, column in self.columns.items()},
+            {name: values[row] for name, values in self.texts.items()},
+        )
 
-    def part(self, first: int, last: int) -> Film:
-        """Rows ``first`` to ``last``, that not included."""
-        columns: list[Any] = [column[first:last] for column in self]
-        return Film(*columns)
+    def section(self, first: int, last: int) -> Timeline:
+        """Rows ``first`` to ``last`` (exclusive)."""
+        return Timeline(
+            self.times_s[first:last],
+            {name: column[first:last] for name, column in self.columns.items()},
+            {name: values[first:last] for name, values in self.texts.items()},
+        )
 
-    def changes(self) -> list[int]:
-        """Rows at which the status is another one than before, the first row among them."""
+    def status_changes(self) -> list[int]:
+        """Rows whose status differs from the previous row, and the first row."""
         status = self.status
-        # Neighbours are mostly the same object, which is quicker to see than that they are equal.
+        # Neighbours are mostly the same object; the identity test is faster than the comparison.
         return [
             row
             for row in range(len(status))
             if row == 0 or (status[row] is not status[row - 1] and status[row] != status[row - 1])
         ]
 
-    def position_error(self) -> Array:
-        """Distance of the tool from the desired position, (k,), m."""
-        result: Array = np.linalg.norm(self.error_b[:, :3], axis=1)
-        return result
+
+def timeline_of(run: Run) -> Timeline:
+    """The timeline of a recorded run."""
+    return Timeline(run.times_s, run.columns, run.texts)
 
 
-def film_of(run: Run) -> Film:
-    """The film of a recorded run."""
-    sigma_min = run.singular_values[:, -1] if run.singular_values.shape[1] else np.full(len(run.times_s), np.nan)
-    return Film(
-        run.times_s,
-        run.q,
-        run.joint_velocity,
-        run.pose_sb,
-        run.pose_sd,
-        run.error_b,
-        run.multiplier_task,
-        run.multiplier_potential,
-        run.closest_points,
-        sigma_min,
-        run.scale,
-        run.clearance,
-        run.closest_pair,
-        run.binding,
-        run.status,
-    )
-
-
-_Texts = tuple[tuple[str, ...], tuple[str, ...], Status]
-
-
-class Reel:
-    """The newest moments of something that goes on; the oldest are forgotten."""
+class TimelineBuffer:
+    """Ring buffer of the newest frames of a running node."""
 
     def __init__(self, joints: int, capacity: int) -> None:
-        """Keeps at least ``capacity`` moments of an arm with ``joints`` joints, and at most twice as many."""
+        """Keeps at least ``capacity`` and at most twice as many frames of an arm with ``joints`` joints."""
         self._capacity = capacity
-        self._shapes = ((), (joints,), (joints,), (4, 4), (4, 4), (6,), (6,), (6,), (2, 3), (), (), ())
-        self._columns = self._blank()
-        self._texts: list[_Texts] = []
+        self._shapes = {field.name: field.shape(joints) for field in (*ARRAY_FIELDS, *NUMBER_FIELDS)}
+        self.clear()
 
-    def append(self, moment: Moment) -> None:
-        """Adds a moment; one that is not later than the last is left out."""
-        used = len(self._texts)
-        if used and moment.time_s <= self._columns[0][used - 1]:
+    def append(self, frame: TimelineFrame) -> None:
+        """Adds a frame; one that is not later than the last is ignored."""
+        if self._used and frame.time_s <= self._times_s[self._used - 1]:
             return
-        if used == 2 * self._capacity:
-            used = self._forget()
-        values: list[Any] = list(moment[: len(self._columns)])
-        for column, value in zip(self._columns, values, strict=True):
-            column[used] = value
-        self._texts.append((moment.closest_pair, moment.binding, moment.status))
+        if self._used == 2 * self._capacity:
+            self._drop_older_half()
+        self._times_s[self._used] = frame.time_s
+        for name, column in self._columns.items():
+            column[self._used] = frame.columns[name]
+        for name, values in self._texts.items():
+            values.append(frame.texts[name])
+        self._used += 1
 
-    def film(self) -> Film:
-        """All that is kept, without copying it; later moments do not change it."""
-        used = len(self._texts)
-        columns: list[Any] = [column[:used] for column in self._columns]
-        texts: list[Any] = list(zip(*self._texts, strict=True)) or [(), (), ()]
-        return Film(*columns, *texts)
+    def timeline(self) -> Timeline:
+        """All kept frames as views; frames added later do not change them."""
+        return Timeline(
+            self._times_s[: self._used],
+            {name: column[: self._used] for name, column in self._columns.items()},
+            {name: tuple(values) for name, values in self._texts.items()},
+        )
 
     def clear(self) -> None:
-        """Forgets everything."""
-        self._columns = self._blank()
-        self._texts = []
+        """Removes all frames."""
+        self._used = 0
+        self._times_s, self._columns = self._allocate()
+        self._texts: dict[str, list[Any]] = {field.name: [] for field in TEXT_FIELDS}
 
-    def _blank(self) -> list[Array]:
-        return [np.empty((2 * self._capacity, *shape)) for shape in self._shapes]
+    def _allocate(self) -> tuple[Array, dict[str, Array]]:
+        size = 2 * self._capacity
+        return np.empty(size), {name: np.empty((size, *shape)) for name, shape in self._shapes.items()}
 
-    def _forget(self) -> int:
-        """Drops the older half; what was handed out keeps it."""
-        old, self._columns = self._columns, self._blank()
-        for column, before in zip(self._columns, old, strict=True):
-            column[: self._capacity] = before[self._capacity :]
-        del self._texts[: self._capacity]
-        return self._capacity
+    def _drop_older_half(self) -> None:
+        """Copies the newer half to new arrays, so that timelines given out earlier keep theirs."""
+        kept = self._capacity
+        old_times_s, old_columns = self._times_s, self._columns
+        self._times_s, self._columns = self._allocate()
+        self._times_s[:kept] = old_times_s[kept:]
+        for name, column in self._columns.items():
+            column[:kept] = old_columns[name][kept:]
+        for values in self._texts.values():
+            del values[:kept]
+        self._used = kept

@@ -1,8 +1,8 @@
-"""The viewer: what it shows of a run is what the run holds, and the page works in a browser that has no internet.
+"""The viewer shows the content of a run, and the page works in a browser without internet access.
 
-The drawing itself is viser's. Tested are the numbers that go into it (against Pinocchio's own readers and kinematics),
-the play head, and in headless Chromium that there is a picture, that the slider moves the arm in it, and that nothing
-is asked of any other computer. Whether the picture is a good one was judged by looking at docs/view.png.
+viser does the drawing. These tests check the values it receives (against Pinocchio's mesh readers and kinematics), the
+playback, and in headless Chromium that the scene is visible, that the slider moves the arm, and that nothing is
+requested from another computer. The appearance was inspected in docs/view.png.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from ik_node.cli import view as view_cli
 from ik_node.collision.scene import Scene, obstacle, shape
 from ik_node.errors import RobotError
 from ik_node.interfaces.samples import ObstacleSample
-from ik_node.interfaces.step import Level, Mode, Status
+from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Level, Mode, Status
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.messages import cdr
 from ik_node.messages.decode_obstacles import decode_obstacles
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.input_table import OBSTACLES
-from ik_node.recording.run import Run, Targets
+from ik_node.recording.run import RecordedTargets, Run
 from ik_node.recording.run_reader import load_run
 from ik_node.robot import catalogue
 from ik_node.robot.catalogue import robots_folder
@@ -43,19 +42,19 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ArmSettings, ObstacleSettings, Settings
 from ik_node.viewer import decimation, meshes, status_html
 from ik_node.viewer.open_run import open_run
-from ik_node.viewer.page import Page
-from ik_node.viewer.playback import Player
-from ik_node.viewer.recorded_scene import Nearby, RecordedObstacles, Scenes, read_obstacles
+from ik_node.viewer.page import ViewerPage
+from ik_node.viewer.playback import Playback
+from ik_node.viewer.recorded_scene import ClosestPointQuery, RecordedObstacles, SceneHistory, read_obstacles
 from ik_node.viewer.server import serve, url_of
-from ik_node.viewer.timeline import Reel, film_of
+from ik_node.viewer.timeline import TimelineBuffer, timeline_of
 
 DURATION_S = 4.0
 RATE_HZ = 100.0
 
 
 def made_run(name: str) -> Run:
-    """A run that no controller made: every joint swings, the desired pose is 5 mm beside the tool."""
-    robot = catalogue.robot_from(ArmSettings(robot=name))
+    """A synthetic run: every joint oscillates, the desired pose is 5 mm beside the tool."""
+    robot = catalogue.robot_from_settings(ArmSettings(robot=name))
     n, k = robot.n, round(DURATION_S * RATE_HZ) + 1
     times = np.arange(k) / RATE_HZ
     ros_ns = np.arange(k, dtype=np.int64) * round(1e9 / RATE_HZ)
@@ -92,7 +91,7 @@ def made_run(name: str) -> Run:
         "closest_pair": (("one", "other"),) * k,
         "binding": ((),) * k,
         "status": (Status(Level.OK, Mode.HOLDING, "no target yet"),) * (k // 2) + (tracking,) * (k - k // 2),
-        "targets": Targets(
+        "targets": RecordedTargets(
             times[::10],
             ros_ns[::10],
             ros_ns[::10],
@@ -102,9 +101,14 @@ def made_run(name: str) -> Run:
         ),
         "complete": True,
     }
-    # Columns that a film does not show are left out, whichever there are.
-    columns: list[Any] = [known.get(name) for name in Run._fields]
-    return Run(*columns)
+    names = {"q": "joint_position"}
+    fields = (*ARRAY_FIELDS, *NUMBER_FIELDS)
+    columns = {field.name: np.stack([field.not_computed(n)] * k) for field in fields}
+    columns |= {names.get(name, name): known[name] for name in known if names.get(name, name) in columns}
+    texts = {field.name: known[field.name] for field in TEXT_FIELDS}
+    # Other entries that the viewer does not show are left out.
+    entries: list[Any] = [known.get(name) for name in Run._fields]
+    return Run(*entries)._replace(columns=columns, texts=texts)
 
 
 @pytest.fixture(scope="module")
@@ -119,75 +123,75 @@ def server() -> Iterator[Any]:
     made.stop()
 
 
-# --- the play head ---------------------------------------------------------------------------------------------------
+# --- playback --------------------------------------------------------------------------------------------------------
 
 
-def test_play_head_stays_within_the_film_and_stops_at_its_end() -> None:
-    """Whatever is done to it; and play at the end begins again."""
-    player = Player(1.0, 3.0)
-    player.toggle()
-    player.speed = 2.0
-    player.advance(0.5)
-    assert player.time_s == 2.0
-    player.advance(10.0)
-    assert (player.time_s, player.playing) == (3.0, False)
-    player.toggle()
-    assert (player.time_s, player.playing) == (1.0, True)
-    player.seek(-5.0)
-    assert player.time_s == 1.0
-    player.toggle()
-    player.advance(1.0)
-    assert player.time_s == 1.0
+def test_playback_stays_within_the_timeline_and_stops_at_its_end() -> None:
+    """For every input; play at the end restarts."""
+    playback = Playback(1.0, 3.0)
+    playback.toggle()
+    playback.speed = 2.0
+    playback.advance(0.5)
+    assert playback.time_s == 2.0
+    playback.advance(10.0)
+    assert (playback.time_s, playback.playing) == (3.0, False)
+    playback.toggle()
+    assert (playback.time_s, playback.playing) == (1.0, True)
+    playback.seek(-5.0)
+    assert playback.time_s == 1.0
+    playback.toggle()
+    playback.advance(1.0)
+    assert playback.time_s == 1.0
 
 
-def test_play_head_of_a_live_film_goes_with_its_end_until_paused() -> None:
-    """Paused, it stays where it is while that is still kept; then play is back at the end."""
-    player = Player(0.0, 1.0, live=True)
-    player.extend(0.0, 2.0)
-    assert player.following
-    assert player.time_s == 2.0
-    player.playing = False
-    player.seek(1.5)
-    player.extend(0.0, 9.0)
-    player.advance(1.0)
-    assert player.time_s == 1.5
-    player.extend(4.0, 10.0)
-    assert player.time_s == 4.0
-    player.toggle()
-    player.extend(4.0, 11.0)
-    assert player.time_s == 11.0
+def test_live_playback_follows_the_end_until_paused() -> None:
+    """A paused position stays while it is still kept; play returns to the end."""
+    playback = Playback(0.0, 1.0, live=True)
+    playback.extend(0.0, 2.0)
+    assert playback.following
+    assert playback.time_s == 2.0
+    playback.playing = False
+    playback.seek(1.5)
+    playback.extend(0.0, 9.0)
+    playback.advance(1.0)
+    assert playback.time_s == 1.5
+    playback.extend(4.0, 10.0)
+    assert playback.time_s == 4.0
+    playback.toggle()
+    playback.extend(4.0, 11.0)
+    assert playback.time_s == 11.0
 
 
 # --- lines -----------------------------------------------------------------------------------------------------------
 
 
-def test_thinned_lines_keep_every_extreme() -> None:
-    """Least and largest value of every column, alone or in any stretch of rows, at the time it had within one block."""
+def test_decimated_lines_keep_every_extreme() -> None:
+    """Minimum and maximum of every column, at their time up to the length of a block."""
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.uniform(1e-3, 3e-3, 7013))
     values = rng.normal(size=(7013, 3)) ** 5
     values[2000:2600, 1] = np.nan
     values[:, 2] = 0.25
-    thin_times, thin = decimation.thin(times, values, most=300)
+    thin_times, decimate = decimation.decimate(times, values, max_rows=300)
     assert len(thin_times) == 300
     assert (np.diff(thin_times) > 0.0).all()
     block_s = 2.0 * (times[-1] - times[0]) / 150
     for column in range(3):
         for best, place in ((np.nanmax, np.nanargmax), (np.nanmin, np.nanargmin)):
-            assert best(thin[:, column]) == best(values[:, column])
-            assert abs(thin_times[place(thin[:, column])] - times[place(values[:, column])]) < block_s
+            assert best(decimate[:, column]) == best(values[:, column])
+            assert abs(thin_times[place(decimate[:, column])] - times[place(values[:, column])]) < block_s
     inside = (thin_times > times[2050]) & (thin_times < times[2550])
-    assert np.isnan(thin[inside, 1]).all()
-    assert np.isfinite(thin[:, 0]).all()
+    assert np.isnan(decimate[inside, 1]).all()
+    assert np.isfinite(decimate[:, 0]).all()
 
 
-def test_short_lines_are_left_alone() -> None:
+def test_short_lines_are_not_decimated() -> None:
     times, values = np.arange(5.0), np.ones((5, 2))
-    assert decimation.thin(times, values)[1] is values
+    assert decimation.decimate(times, values)[1] is values
 
 
 def test_path_has_its_ends_and_even_steps() -> None:
-    """Of a circle that is walked at very uneven speed, with a gap of NaN and a long stop."""
+    """For a circle traversed at very uneven speed, with a gap of NaN and a long stop."""
     angle = np.concatenate((np.linspace(0.0, 1.0, 4000) ** 3 * 6.0, np.full(2000, 6.0)))
     points = 0.2 * np.column_stack((np.cos(angle), np.sin(angle), np.zeros(len(angle))))
     points[100:120] = np.nan
@@ -197,43 +201,43 @@ def test_path_has_its_ends_and_even_steps() -> None:
     steps = np.linalg.norm(np.diff(found, axis=0), axis=1)
     assert steps.max() < 0.009
     assert len(found) == pytest.approx(0.2 * 6.0 / 0.004, rel=0.05)
-    assert len(decimation.path(points, most=50, step_m=1e-6)) <= 52
+    assert len(decimation.path(points, max_points=50, step_m=1e-6)) <= 52
 
 
-# --- a film ----------------------------------------------------------------------------------------------------------
+# --- timeline --------------------------------------------------------------------------------------------------------
 
 
-def test_reel_keeps_the_newest_and_never_changes_what_it_gave(run: Run) -> None:
-    """A live film is read by one thread while another asks; old films must stay as they were."""
-    film, reel = film_of(run), Reel(len(run.joints), capacity=50)
-    taken = []
-    for row in range(len(film.times_s)):
-        reel.append(film.moment(row))
-        reel.append(film.moment(row))  # the same time again: left out
-        taken.append(reel.film())
-    for row, seen in enumerate(taken):
+def test_ring_buffer_keeps_the_newest_and_never_changes_earlier_timelines(run: Run) -> None:
+    """A live timeline is extended while earlier ones are drawn; those must not change."""
+    timeline, buffer = timeline_of(run), TimelineBuffer(len(run.joints), capacity=50)
+    snapshots = []
+    for row in range(len(timeline.times_s)):
+        buffer.append(timeline.frame(row))
+        buffer.append(timeline.frame(row))  # the same time again: ignored
+        snapshots.append(buffer.timeline())
+    for row, seen in enumerate(snapshots):
         count = len(seen.times_s)
         assert min(row + 1, 50) <= count <= 100
-        assert np.array_equal(seen.times_s, film.times_s[row + 1 - count : row + 1])
-        assert np.array_equal(seen.pose_sd, film.pose_sd[row + 1 - count : row + 1])
-        assert seen.status == film.status[row + 1 - count : row + 1]
+        assert np.array_equal(seen.times_s, timeline.times_s[row + 1 - count : row + 1])
+        assert np.array_equal(seen.pose_sd, timeline.pose_sd[row + 1 - count : row + 1])
+        assert seen.status == timeline.status[row + 1 - count : row + 1]
 
 
-def test_moment_is_the_last_one_before(run: Run) -> None:
-    film = film_of(run)
-    moment = film.moment(film.row(1.2345))
-    assert moment.time_s == pytest.approx(1.23)
-    assert np.array_equal(moment.q, run.q[123])
-    assert film.row(-9.0) == 0
-    assert film.row(99.0) == len(run.q) - 1
-    assert film.changes() == [0, len(run.q) // 2]
+def test_frame_is_the_last_one_before(run: Run) -> None:
+    timeline = timeline_of(run)
+    frame = timeline.frame(timeline.row(1.2345))
+    assert frame.time_s == pytest.approx(1.23)
+    assert np.array_equal(frame.joint_position, run.q[123])
+    assert timeline.row(-9.0) == 0
+    assert timeline.row(99.0) == len(run.q) - 1
+    assert timeline.status_changes() == [0, len(run.q) // 2]
 
 
-# --- how the arm looks -----------------------------------------------------------------------------------------------
+# --- meshes ----------------------------------------------------------------------------------------------------------
 
 
 def pinocchio_corners(robot: Robot) -> dict[int, Array]:
-    """Least and largest coordinates of what hangs on each joint, as Pinocchio's own mesh reader (assimp) has it."""
+    """Bounding box of the geometry at each joint, from Pinocchio's mesh reader (assimp)."""
     places = [str(robots_folder().parent.parent)]
     model = pin.buildGeomFromUrdfString(robot.model, robot.urdf, pin.GeometryType.VISUAL, None, places)
     points: dict[int, list[Array]] = {}
@@ -248,9 +252,9 @@ def extremes(points: Array) -> Array:
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
-def test_meshes_are_where_another_reader_has_them(name: str) -> None:
-    """COLLADA files with units and axes of their own (panda, ur5) and STL files (xarm7), in colour."""
-    robot = catalogue.robot_from(ArmSettings(robot=name))
+def test_meshes_agree_with_pinocchio(name: str) -> None:
+    """COLLADA files with their own units and axes (panda, ur5) and STL files (xarm7), in colour."""
+    robot = catalogue.robot_from_settings(ArmSettings(robot=name))
     parts = meshes.load(robot)
     reference = pinocchio_corners(robot)
     assert {part.parent for part in parts} == set(reference)
@@ -264,22 +268,22 @@ def test_meshes_are_where_another_reader_has_them(name: str) -> None:
     assert len({part.name for part in parts}) == len(parts)
 
 
-def test_meshes_that_no_reader_of_ours_takes_keep_their_shape(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where pycollada is not installed: plain colour, the same triangles."""
+def test_meshes_that_trimesh_cannot_read_keep_their_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For example without pycollada: default colour, the same triangles."""
     import trimesh
 
     def fails(path: str) -> None:
         raise ImportError(f"cannot read {path}")
 
     monkeypatch.setattr(trimesh, "load_scene", fails)
-    robot = catalogue.robot_from(ArmSettings(robot="ur5"))
+    robot = catalogue.robot_from_settings(ArmSettings(robot="ur5"))
     parts = meshes.load(robot)
     for joint, corners in pinocchio_corners(robot).items():
         mine = extremes(np.concatenate([part.vertices for part in parts if part.parent == joint]))
         assert np.array_equal(mine, corners)
 
 
-def test_solids_of_a_urdf_are_drawn_too() -> None:
+def test_primitive_shapes_of_a_urdf_are_drawn() -> None:
     """Box, sphere and cylinder, with the URDF's own colour."""
     visual = "<visual><origin xyz='0 0 1'/><geometry>{}</geometry>{}</visual>"
     red = "<material name='red'><color rgba='1 0 0 1'/></material>"
@@ -297,7 +301,7 @@ def test_solids_of_a_urdf_are_drawn_too() -> None:
         assert part.colour == (1.0, 0.0, 0.0)
 
 
-def test_missing_meshes_are_named() -> None:
+def test_error_names_the_missing_mesh() -> None:
     run = made_run("xarm7")
     robot = Robot(run.urdf.replace("package://", "package://gone/"), run.base_frame, run.tip_frame)
     with pytest.raises(RobotError, match=r"link_base\.stl"):
@@ -308,7 +312,7 @@ def test_missing_meshes_are_named() -> None:
 
 
 def world_pose(server: Any, name: str) -> Array:
-    """Of a node of viser's tree whose parents are ``/base`` or do not move."""
+    """Pose of a node of viser whose parents are ``/base`` or fixed."""
     handle = server.scene.get_handle_by_name(name)
     w, x, y, z = handle.wxyz
     pose = se3.pose_from(handle.position, (x, y, z, w))
@@ -316,7 +320,7 @@ def world_pose(server: Any, name: str) -> Array:
 
 
 def ends(server: Any, name: str) -> Array:
-    """Where an object of unit length along x begins and ends, seen from the base."""
+    """End points of an object of unit length along x, in the base frame."""
     handle = server.scene.get_handle_by_name(name)
     w, x, y, z = handle.wxyz
     points = np.asarray(handle.points[0], dtype=np.float64) * handle.scale
@@ -324,17 +328,17 @@ def ends(server: Any, name: str) -> Array:
 
 
 @pytest.mark.parametrize("name", ["xarm7", "talos_arm"])
-def test_arm_and_frames_stand_where_kinematics_says(name: str, server: Any) -> None:
-    """Also where the base frame is not the root of the model (talos_arm)."""
+def test_arm_and_frames_agree_with_kinematics(name: str, server: Any) -> None:
+    """Also if the base frame is not the root of the model (talos_arm)."""
     run = made_run(name)
     page = open_run(server, run)
-    page.player.seek(2.0)
-    page._want()
-    page.tick(0.0)
-    robot = page.subject.robot
+    page.playback.seek(2.0)
+    page.request_redraw()
+    page.update(0.0)
+    robot = page.content.robot
     q = run.q[200]
     base_root = robot.pose_base_root
-    for joint in page.stage._joints:
+    for joint in page.scene_view.joints:
         if joint:
             frame = next(f for f in robot.model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY)
             expected = robot.frame_pose(q, frame.name) @ se3.inverse(frame.placement.homogeneous)
@@ -348,58 +352,61 @@ def test_arm_and_frames_stand_where_kinematics_says(name: str, server: Any) -> N
     assert (end - begin) / np.linalg.norm(end - begin) == pytest.approx(along / np.linalg.norm(along), abs=1e-4)
 
 
-def test_what_a_stopped_tick_did_not_compute_is_hidden(run: Run, server: Any) -> None:
-    """Frames and arrows; the arm stays where it was last seen."""
+def test_values_that_were_not_computed_are_hidden(run: Run, server: Any) -> None:
+    """Frames and arrows are hidden; the arm keeps its last position."""
     half = len(run.times_s) // 2
-    broken = {name: getattr(run, name).copy() for name in ("q", "pose_sb", "pose_sd", "error_b", "multiplier_task")}
+    broken = {
+        name: getattr(run, name).copy()
+        for name in ("joint_position", "pose_sb", "pose_sd", "error_b", "multiplier_task")
+    }
     for column in broken.values():
         column[half:] = np.nan
-    page = open_run(server, run._replace(**broken))
-    page.player.seek(run.times_s[half - 1])
-    page._want()
-    page.tick(0.0)
+    page = open_run(server, run.with_columns(**broken))
+    page.playback.seek(run.times_s[half - 1])
+    page.request_redraw()
+    page.update(0.0)
     seen = world_pose(server, "/robot/3")
-    page.player.seek(DURATION_S)
-    page._want()
-    page.tick(0.0)
+    page.playback.seek(DURATION_S)
+    page.request_redraw()
+    page.update(0.0)
     assert np.array_equal(world_pose(server, "/robot/3"), seen)
     for name in ("tool", "desired", "lambda_task_linear"):
         assert not server.scene.get_handle_by_name(f"/base/{name}").visible
-    assert "not computed" in page._words.content
+    assert "not computed" in page.said
 
 
-def test_without_meshes_lines_are_drawn_and_the_page_says_so(run: Run, server: Any) -> None:
+def test_without_meshes_lines_and_a_note_are_shown(run: Run, server: Any) -> None:
     page = open_run(server, run._replace(urdf=run.urdf.replace("package://", "package://gone/")))
-    points = server.scene.get_handle_by_name("/base/bones").points
+    points = server.scene.get_handle_by_name("/base/links").points
     assert points.shape == (len(run.joints) + 1, 2, 3)
     assert points[0, 0] == pytest.approx((0.0, 0.0, 0.0))
     assert points[-1, 1] == pytest.approx(run.pose_sb[0, :3, 3], abs=1e-6)
-    assert "link_base.stl" in page.subject.notes[0]
+    assert "link_base.stl" in page.content.notes[0]
 
 
-def test_obstacles_come_move_and_go(run: Run, server: Any) -> None:
-    """As messages said; the line to the nearest one has the distance that geometry gives for a far sphere."""
+def test_obstacles_are_added_moved_and_deleted(run: Run, server: Any) -> None:
+    """By messages; the distance to a far sphere agrees with geometry."""
     robot = Robot(run.urdf, run.base_frame, run.tip_frame)
 
-    def said(name: str, action: str, x: float, kind: str = "sphere", lifetime_ns: int = 0) -> ObstacleSample:
+    def message(name: str, action: str, x: float, kind: str = "sphere", lifetime_ns: int = 0) -> ObstacleSample:
         size = (0.1,) if kind == "sphere" else (0.1, 0.2, 0.3)
         at = np.array([x, 0.0, 0.5])
         return ObstacleSample(0, robot.base_frame, name, action, kind, size, at, np.array([0, 0, 0, 1.0]), lifetime_ns)
 
     arrivals = (
-        (0.5, (said("a/1", "add", 2.0), said("b", "add", 3.0, lifetime_ns=500_000_000))),
-        (0.7, (said("unheard of", "add", 1.0, kind="torus"),)),
-        (2.0, (said("a/1", "add", 1.5), said("c", "add", 3.0, kind="box"))),
-        (3.0, (said("a/1", "delete", 0.0),)),
-        (3.5, (said("", "delete_all", 0.0),)),
+        (0.5, (message("a/1", "add", 2.0), message("b", "add", 3.0, lifetime_ns=500_000_000))),
+        (0.7, (message("invalid", "add", 1.0, kind="torus"),)),
+        (2.0, (message("a/1", "add", 1.5), message("c", "add", 3.0, kind="box"))),
+        (3.0, (message("a/1", "delete", 0.0),)),
+        (3.5, (message("", "delete_all", 0.0),)),
     )
     page = open_run(server, run, obstacles=RecordedObstacles(None, arrivals))
 
     def names(time_s: float) -> list[str]:
-        page.player.seek(time_s)
-        page._want()
-        page.tick(0.0)
-        return sorted(page.stage._obstacles)
+        page.playback.seek(time_s)
+        page.request_redraw()
+        page.update(0.0)
+        return list(page.scene_view.obstacles)
 
     assert names(0.0) == []
     assert names(0.9) == ["a/1", "b"]
@@ -409,7 +416,7 @@ def test_obstacles_come_move_and_go(run: Run, server: Any) -> None:
     assert server.scene.get_handle_by_name("/base/obstacles/a_1").position == pytest.approx((1.5, 0.0, 0.5))
     assert names(3.2) == ["c"]
     assert names(3.8) == []
-    nearby = Nearby(robot, ObstacleSettings(self_collision=False))
+    nearby = ClosestPointQuery(robot, ObstacleSettings(self_collision=False))
     ball = Scene().put(obstacle("ball", shape("sphere", (0.1,)), se3.pose_from((9.0, 0.0, 0.5), (0, 0, 0, 1.0))))
     found = nearby.closest(run.q[0], ball)
     assert found is not None
@@ -417,10 +424,10 @@ def test_obstacles_come_move_and_go(run: Run, server: Any) -> None:
     assert np.linalg.norm(found.points_s[1] - found.points_s[0]) == pytest.approx(found.distance, abs=1e-6)
 
 
-def test_moving_obstacles_are_carried_on_between_messages() -> None:
-    """As the controller does it; and one with a frame of the arm stands where that frame was."""
-    robot = catalogue.robot_from(ArmSettings(robot="xarm7"))
-    scenes, q = Scenes(robot), np.full(7, 0.3)
+def test_moving_obstacles_are_extrapolated_between_messages() -> None:
+    """As in the controller; an obstacle given in a frame of the arm is placed where that frame was."""
+    robot = catalogue.robot_from_settings(ArmSettings(robot="xarm7"))
+    scenes, q = SceneHistory(robot), np.full(7, 0.3)
     unit = np.array([0.0, 0.0, 0.0, 1.0])
     for time_s in (0.0, 0.1, 0.2):
         at = np.array([0.5 * time_s, 0.0, 0.0])
@@ -433,14 +440,14 @@ def test_moving_obstacles_are_carried_on_between_messages() -> None:
     assert scenes(0.3).obstacles["t"].pose_s[:3, 3] == pytest.approx(expected[:3])
 
 
-def test_words_from_outside_are_no_html(run: Run) -> None:
-    """A reason can hold anything: it comes out of a recording."""
-    moment = film_of(run).moment(len(run.times_s) - 1)
-    text = status_html.describe(moment, run.joints, run.velocity_limits, mass_weighted=True)
+def test_recorded_texts_are_escaped(run: Run) -> None:
+    """A recorded reason can contain any text."""
+    frame = timeline_of(run).frame(len(run.times_s) - 1)
+    text = status_html.frame_html(frame, run.joints, run.velocity_limits, mass_weighted=True)
     assert "<script" not in text
     assert "following &lt;script&gt;" in text
     assert "5.000 mm" in text
-    assert "<b>" not in status_html.note("<b>")
+    assert "<b>" not in status_html.note_html("<b>")
 
 
 # --- a recording -----------------------------------------------------------------------------------------------------
@@ -449,7 +456,7 @@ SCENE = "obstacles: [{name: post, cylinder: {radius: 0.04, length: 0.7}, positio
 
 
 def sphere(frame_id: str) -> Any:
-    """A ball of 0.1 m radius as a marker."""
+    """A sphere of 0.1 m radius as a marker."""
     known = {
         "header": cdr.header(frame_id),
         "ns": "ball",
@@ -475,7 +482,7 @@ def sphere(frame_id: str) -> Any:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Half a second of a panda that moves; a post from the beginning, a ball from 0.25 s on."""
+    """Half a second of a moving panda; a post from the start, a ball from 0.25 s on."""
     folder = tmp_path_factory.mktemp("view")
     (folder / "scene.yaml").write_text(SCENE)
     loop = recorded_loop(folder / "bag", {"rate_hz": 200.0, "obstacles.scene": str(folder / "scene.yaml")})
@@ -489,45 +496,46 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     loop.follow(pose, 0.2, 50.0)
     data = cdr.serialize(cdr.make("visualization_msgs/msg/MarkerArray", markers=[sphere(loop.robot.base_frame)]))
-    recorded: Any = loop.controller
-    recorded.controller.on_obstacles(decode_obstacles(data), loop.now)
-    recorded.recording.called(CallKind.ON_OBSTACLES, loop.now, recorded.recording.received(OBSTACLES, data, loop.now))
+    caller: Any = loop.controller
+    caller._call(CallKind.ON_OBSTACLES, loop.now, decode_obstacles(data), data)
     loop.run(0.25)
     finish(loop)
     return folder / "bag"
 
 
 def test_recorded_obstacles_and_clearance_are_those_of_the_run(bag: Path, server: Any) -> None:
-    """The line between the nearest points touches the post's surface, as long as the recorded clearance; the ball comes
-    when it came."""
+    """The line between the closest points ends at the surface of the post and has the recorded clearance as length; the
+    ball appears at its time of arrival."""
     run = load_run(bag)
     found = read_obstacles(bag)
     assert [time_s for time_s, _ in found.arrivals] == [pytest.approx(0.245)]
     page = open_run(server, run, str(bag), found)
 
     def show(time_s: float) -> None:
-        page.player.seek(time_s)
-        page._want()
-        page.tick(0.0)
+        page.playback.seek(time_s)
+        page.request_redraw()
+        page.update(0.0)
 
     show(0.2)
-    assert sorted(page.stage._obstacles) == ["post"]
+    assert list(page.scene_view.obstacles) == ["post"]
     show(0.4)
-    assert sorted(page.stage._obstacles) == ["ball/0", "post"]
+    assert list(page.scene_view.obstacles) == ["ball/0", "post"]
     assert server.scene.get_handle_by_name("/base/obstacles/ball_0").position == pytest.approx((0.5, -0.4, 0.6))
     line = ends(server, "/base/clearance")
-    row = page._film().row(0.4)
+    row = timeline_of(run).row(0.4)
     assert np.linalg.norm(line[1] - line[0]) == pytest.approx(run.clearance[row], abs=1e-5)
-    assert run.closest_pair[row][-1] in page._words.content
-    near_post = Nearby(Robot(run.urdf, run.base_frame, run.tip_frame), ObstacleSettings(self_collision=False))
-    post = page.subject.scene_at(0.0)
+    assert run.closest_pair[row][-1] in page.said
+    near_post = ClosestPointQuery(
+        Robot(run.urdf, run.base_frame, run.tip_frame), ObstacleSettings(self_collision=False)
+    )
+    post = page.content.scene_at(0.0)
     closest = near_post.closest(run.q[row], post)
     assert closest is not None
     assert np.linalg.norm(closest.points_s[1, :2] - (0.4, 0.35)) == pytest.approx(0.04, abs=1e-6)
 
 
 def test_command_line_serves_a_recording(bag: Path) -> None:
-    """Until it is asked to end, which is no failure."""
+    """Until a signal ends it with exit code 0."""
     command = [sys.executable, "-m", "ik_node.cli.view", str(bag), "--port", "0"]
     viewer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert viewer.stdout is not None
@@ -537,7 +545,7 @@ def test_command_line_serves_a_recording(bag: Path) -> None:
         with urllib.request.urlopen(f"http://127.0.0.1:{address[1]}/") as answer:
             assert b"<html" in answer.read(2000)
         viewer.send_signal(signal.SIGINT)
-        assert viewer.wait(15.0) == 0
+        assert viewer.wait(120.0) == 0
     finally:
         viewer.kill()
         viewer.communicate()
@@ -546,7 +554,7 @@ def test_command_line_serves_a_recording(bag: Path) -> None:
 # --- the command line ------------------------------------------------------------------------------------------------
 
 
-def test_command_line_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_reports_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert view_cli.main([]) == 2
     assert view_cli.main([str(tmp_path), "--live"]) == 2
     assert view_cli.main([str(tmp_path / "nothing")]) == 1
@@ -560,12 +568,12 @@ LEFT, RIGHT = 400, 370
 
 
 def scene_of(picture: Picture) -> Picture:
-    """The part of a picture between the panels."""
+    """The scene between the panels of a screenshot."""
     return picture[10:, LEFT + 20 : WIDTH - RIGHT - 20]
 
 
 def changed(first: Picture, second: Picture) -> float:
-    """Part of the scene's pixels that are clearly different."""
+    """Fraction of the scene's pixels that differ clearly."""
     return float((np.abs(scene_of(first) - scene_of(second)).max(axis=2) > 24).mean())
 
 
@@ -577,71 +585,71 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
 
 
 @pytest.fixture
-def page(run: Run, server: Any) -> Iterator[Page]:
+def page(run: Run, server: Any) -> Iterator[ViewerPage]:
     made = open_run(server, run, "made/run")
-    server.scene.configure_default_lights(cast_shadow=False)  # which take long without a graphics card
-    over = threading.Event()
+    server.scene.configure_default_lights(cast_shadow=False)  # slow without a GPU
+    done = threading.Event()
 
-    def keep_going() -> None:
+    def update() -> None:
         last_s = time.monotonic()
-        while not over.wait(0.03):
+        while not done.wait(0.03):
             now_s = time.monotonic()
-            made.tick(now_s - last_s)
+            made.update(now_s - last_s)
             last_s = now_s
 
-    thread = threading.Thread(target=keep_going)
+    thread = threading.Thread(target=update)
     thread.start()
     yield made
-    over.set()
+    done.set()
     thread.join()
 
 
-def test_page_in_a_browser_without_internet(page: Page, browser: Browser) -> None:
-    """There is an arm to be seen; the slider moves it, play plays, and all of it comes from this computer."""
+def test_page_in_a_browser_without_internet(page: ViewerPage, browser: Browser) -> None:
+    """The arm is visible; the slider moves it, the buttons work, and all requests go to this computer."""
     url = url_of(page.server).replace("localhost", "127.0.0.1")
     browser.open(url)
     browser.until("the page to connect", lambda: bool(page.server.get_clients()))
     browser.until("the controls", lambda: browser.evaluate("!!document.querySelector('.mantine-Slider-track')"))
-    # Chromium is slow without a graphics card, and viser says so in front of the scene.
+    # Chromium is slow without a GPU, and viser shows a notification about it in front of the scene.
     close = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(e => e.click())"
     pictures = [browser.picture()]
 
-    def seen() -> bool:
+    def is_steady() -> bool:
         browser.evaluate(close)
         pictures.append(browser.picture())
         return changed(*pictures[-2:]) == 0.0 and bool(np.ptp(scene_of(pictures[-1])) > 180)
 
-    browser.until("something to be seen that stands still", seen)
+    browser.until("a steady picture", is_steady)
     visible = pictures[-1]
     box = "[...document.querySelectorAll('label')].find(e => e.textContent == 'robot').htmlFor"
     browser.evaluate(f"document.getElementById({box}).click()")
     browser.until("the arm to be hidden", lambda: changed(visible, browser.picture()) > 0.02)
     hidden = browser.picture()
 
-    def back() -> bool:
-        # Again where it is off: the server's echo of the first click may come after the second one.
+    def is_shown_again() -> bool:
+        # Repeated while it is off: the server's echo of the first click may arrive after the second click.
         browser.evaluate(f"(e => {{ if (!e.checked) e.click() }})(document.getElementById({box}))")
-        # Not "as before": on a slow machine a mesh may have been missing from the first picture.
+        # Not compared with the first picture, in which a mesh may be missing on a slow machine.
         return changed(hidden, browser.picture()) > 0.02
 
-    browser.until("the arm to be back", back)
+    browser.until("the arm to be shown", is_shown_again)
 
     pose = world_pose(page.server, "/robot/5")
     x, y, width, height = browser.place(".mantine-Slider-track")
     browser.click(x + 0.6 * width, y + 0.5 * height)
-    browser.until("the slider to be heard", lambda: page.player.time_s > 0.0)
-    assert page.player.time_s == pytest.approx(0.6 * DURATION_S, abs=0.05 * DURATION_S)
-    browser.until("the arm to be moved", lambda: changed(visible, browser.picture()) > 0.02)
+    browser.until("the slider event", lambda: page.playback.time_s > 0.0)
+    assert page.playback.time_s == pytest.approx(0.6 * DURATION_S, abs=0.05 * DURATION_S)
+    browser.until("the arm to move", lambda: changed(visible, browser.picture()) > 0.02)
     assert np.abs(world_pose(page.server, "/robot/5") - pose).max() > 0.1
     assert browser.evaluate("document.body.innerText.includes('following <script>')")
 
     x, y, width, height = browser.place("button", "Play")
-    here_s = page.player.time_s
+    here_s = page.playback.time_s
     browser.click(x + 0.5 * width, y + 0.5 * height)
-    browser.until("play to play", lambda: page.player.time_s > here_s + 0.2)
-    browser.until("the button to say pause", lambda: browser.evaluate("document.body.innerText.includes('Pause')"))
+    browser.until("playing", lambda: page.playback.time_s > here_s + 0.2)
+    browser.until("the pause button", lambda: browser.evaluate("document.body.innerText.includes('Pause')"))
     browser.click(x + 0.5 * width, y + 0.5 * height)
-    browser.until("pause to pause", lambda: not page.player.playing)
+    browser.until("the pause", lambda: not page.playback.playing)
 
     assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 5
     asked = browser.requested()

@@ -1,4 +1,4 @@
-"""The viewer's ear: everything that a running node says, as bytes."""
+"""Subscriptions to everything that a running node publishes; messages are kept as bytes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from ik_node.ros import qos
 from ik_node.settings.groups import Settings
 
 NEWEST = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""The picture needs the newest only."""
+"""Only the newest message is needed."""
 
 PAUSE_S = 0.02
-"""Between questions, so that the node under watch keeps its pace."""
-ASKED = (
+"""Between parameter requests, which limits the load of the running node."""
+REQUESTED = (
     "rate_hz",
     "method",
     "robot",
@@ -48,7 +48,7 @@ ASKED = (
     "obstacles.ignored_pairs",
     "obstacles.watched_pairs",
 )
-"""Parameters that decide what the page shows."""
+"""Parameters that the page needs."""
 
 _STREAMS = {
     encode.JOINT_VELOCITY: JointState,
@@ -59,20 +59,25 @@ _STREAMS = {
 }
 
 
-class ViewNode(Node):  # type: ignore[misc]
-    """Keeps the newest bytes of every topic; they are understood when a picture is due."""
+class LiveViewListener(Node):  # type: ignore[misc]
+    """Keeps the newest bytes of every topic; they are decoded when a frame is sampled."""
 
     def __init__(self, watched: str, context: Any = None) -> None:
-        """``watched``: full name of the node to look at; ``context``: rclpy's, by default the usual one."""
+        """Creates the subscriptions.
+
+        Args:
+            watched: Full name of the running node.
+            context: Of rclpy; None for the default context.
+        """
         super().__init__(f"ik_view_{os.getpid()}", context=context)
         self.watched = watched
-        self.described = ""
-        self.newest: dict[str, bytes] = {}
-        self.arrived: deque[tuple[str, bytes]] = deque(maxlen=10000)
-        """Targets and obstacles, each of which counts."""
+        self.robot_description = ""
+        self.latest: dict[str, bytes] = {}
+        self.queue: deque[tuple[str, bytes]] = deque(maxlen=10000)
+        """Topic and bytes of every target and obstacle message, in order of arrival."""
         self.status: DiagnosticStatus | None = None
-        self.values: dict[str, str] = {}
-        """What the node last said of itself."""
+        self.diagnostic_values: dict[str, str] = {}
+        """Key -> value of the node's newest diagnostics."""
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
         self.create_subscription(DiagnosticStatus, f"{watched}/status", self._on_status, qos.LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.OUTPUT)
@@ -84,62 +89,71 @@ class ViewNode(Node):  # type: ignore[misc]
 
     def _keep_newest(self, kind: type, topic: str, key: str) -> None:
         def on_bytes(data: bytes) -> None:
-            self.newest[key] = data
+            self.latest[key] = data
 
         self.create_subscription(kind, topic, on_bytes, NEWEST, raw=True)
 
     def _keep_all(self, kind: type, topic: str) -> None:
         def on_bytes(data: bytes) -> None:
-            self.arrived.append((topic, data))
+            self.queue.append((topic, data))
 
         self.create_subscription(kind, f"{self.watched}/{topic}", on_bytes, qos.STREAM, raw=True)
 
     def _on_description(self, message: String) -> None:
-        self.described = message.data
+        self.robot_description = message.data
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         self.status = message
-        self._take_values(message)
+        self._store_values(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self.watched:
-                self._take_values(status)
+                self._store_values(status)
 
-    def _take_values(self, status: DiagnosticStatus) -> None:
-        self.values = {entry.key: entry.value for entry in status.values}
+    def _store_values(self, status: DiagnosticStatus) -> None:
+        self.diagnostic_values = {entry.key: entry.value for entry in status.values}
 
-    def ask_settings(self, timeout_s: float) -> Settings:
-        """What the page needs to know of the watched node's settings, the rest as usual.
+    def request_settings(self, timeout_s: float) -> Settings:
+        """Requests the parameters that the page needs.
 
-        Raises IkNodeError with the nodes there are when it does not answer.
+        Args:
+            timeout_s: Time to wait for the service and for each answer.
+
+        Returns:
+            Settings with these parameters; all others have their defaults.
+
+        Raises:
+            IkNodeError: The node does not answer (the message lists the nodes that exist), or it is no ik_node.
         """
         client = self.create_client(GetParameters, f"{self.watched}/get_parameters")
         if not client.wait_for_service(timeout_s):
             named = self.get_node_names_and_namespaces()
             others = sorted(f"{space.rstrip('/')}/{name}" for name, space in named if name != self.get_name())
             raise IkNodeError(f"no node '{self.watched}' answers; nodes here: {', '.join(others) or 'none'}")
-        # One by one: a node answers with nothing at all where one of the names is unknown to it or unset.
-        given = {}
-        for name in ASKED:
+        # One by one: the answer to several names is empty if one of them is undeclared or unset.
+        received = {}
+        for name in REQUESTED:
             time.sleep(PAUSE_S)
-            values = self._ask(client, GetParameters.Request(names=[name]), timeout_s).values
+            values = self._call(client, GetParameters.Request(names=[name]), timeout_s).values
             if len(values):
-                given[name] = parameter_value_to_python(values[0])
-        if "rate_hz" not in given:
+                received[name] = parameter_value_to_python(values[0])
+        if "rate_hz" not in received:
             raise IkNodeError(f"node '{self.watched}' is no ik_node: it has no parameter rate_hz")
-        settings = Settings().with_values({name: _plain(value) for name, value in given.items() if value is not None})
+        settings = Settings().with_values(
+            {name: _plain(value) for name, value in received.items() if value is not None}
+        )
         try:
             return with_srdf_text(settings)
-        except SettingsError as error:  # the watched node may run on another machine
-            self.get_logger().warning(f"pairs of links are chosen by sampling: {error}")
+        except SettingsError as error:  # the running node may be on another machine
+            self.get_logger().warning(f"link pairs are selected by sampling: {error}")
             return settings.with_values({"obstacles.srdf": ""})
 
-    def _ask(self, client: Any, request: Any, timeout_s: float) -> Any:
-        future, until = client.call_async(request), time.monotonic() + timeout_s
+    def _call(self, client: Any, request: Any, timeout_s: float) -> Any:
+        future, deadline_s = client.call_async(request), time.monotonic() + timeout_s
         while not future.done():
-            if time.monotonic() > until:
-                raise IkNodeError(f"node '{self.watched}' does not tell its parameters")
+            if time.monotonic() > deadline_s:
+                raise IkNodeError(f"node '{self.watched}' does not answer requests for its parameters")
             time.sleep(0.001)
         return future.result()
 

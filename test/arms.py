@@ -1,8 +1,18 @@
-"""Arms written for the tests, whose collision geometry is simple enough to reason about."""
+"""Arms written for the tests, whose collision geometry is simple enough to reason about; positions of any arm."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
+
+
+def random_position(robot: Robot, rng: np.random.Generator) -> Array:
+    """q, (n,), uniform in the limits, in one turn where there are none."""
+    lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
+    upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
+    return rng.uniform(lower, upper)
 
 
 def ball_arm(joint_types: str = "rrrrrr", base_offset: str = "0 0 0") -> Robot:

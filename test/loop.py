@@ -27,7 +27,7 @@ ROS_OFFSET_NS = 1_700_000_000 * NS
 
 def make_robot(name: str) -> Robot:
     """An arm of example-robot-data."""
-    return catalogue.robot_from(ArmSettings(robot=name))
+    return catalogue.robot_from_settings(ArmSettings(robot=name))
 
 
 class Loop:

@@ -125,7 +125,7 @@ def load(
         raise CollisionUnavailableError("the URDF holds no collision geometry")
     links = tuple(_link(robot.model.frames[frame].name, group, simplification) for frame, group in groups.items())
     moves = np.array([robot.joint_moves(link.parent) for link in links])
-    reach = robot.most_per_joint(np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0))
+    reach = robot.bounds_per_joint(np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0))
     pairs = select_pairs(robot, links, srdf, set(ignored), set(watched)) if self_collision else ()
     return CollisionGeometry(robot, links, pairs, moves, reach)
 

@@ -12,7 +12,7 @@ from ik_node.collision.avoidance import AvoidanceTerms, avoidance_terms
 from ik_node.collision.distances import DistanceQuery
 from ik_node.collision.scene import Scene, obstacle, read_scene, shape
 from ik_node.errors import CollisionUnavailableError, InputError
-from ik_node.interfaces.clock import Instant, place
+from ik_node.interfaces.clock import Instant, to_monotonic
 from ik_node.interfaces.samples import ObstacleSample
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames
@@ -111,10 +111,10 @@ class CollisionMonitor:
         elif sample.action == "delete":
             self.scene = self.scene.remove(sample.name)
         elif sample.action == "add":
-            stamped = place(sample.stamp_ns, now, max_age_ns)
+            stamped = to_monotonic(sample.stamp_ns, now, max_age_ns)
             expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
             solid = shape(sample.kind, sample.size, sample.name)
-            pose_s = frames.place(sample, "obstacle")
+            pose_s = frames.pose_of(sample, "obstacle")
             self.scene = self.scene.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
         else:
             raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")

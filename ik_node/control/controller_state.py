@@ -1,6 +1,6 @@
-"""The controller's whole memory as plain data: what a recording that starts in the middle of a run begins with.
+"""Snapshot of a controller: its complete internal state as plain data, the start of a recording in the middle of a run.
 
-A part that gets a memory of its own is one more field here, and one line each in ``Controller.state`` and ``restore``.
+A new component with internal state adds one field here, and one line each to ``Controller.capture`` and ``restore``.
 """
 
 from __future__ import annotations
@@ -12,35 +12,35 @@ from ik_node.control.following_error import FollowingErrorSnapshot
 from ik_node.control.joint_states import JointState, JointStateSnapshot
 from ik_node.control.state_machine import StateMachineSnapshot
 from ik_node.control.status import StatusSnapshot
+from ik_node.control.step_timer import TimerSnapshot
 from ik_node.control.velocity_controller import VelocityControllerSnapshot
 from ik_node.robot.frames import FramesSnapshot
-from ik_node.targets.arbiter import TargetsSnapshot
+from ik_node.targets.arbiter import ArbiterSnapshot
 
 
 class CycleSnapshot(NamedTuple):
-    """What the controller itself remembers; its attributes of the same names."""
+    """Attributes of a :class:`~ik_node.control.controller.Controller`, without those of its components."""
 
     targets_refused: int
     states_refused: int
     tick: int
     state: JointState | None
-    interval_s: float
-    due_ns: int
-    last_tick_ns: int
+    last_step_ns: int
     retry_ns: int
-    listeners: int
+    subscribers: int
     keep_targets: bool
 
 
 class ControllerSnapshot(NamedTuple):
-    """Everything that decides what a controller does next, beside its robot and its settings."""
+    """Complete internal state of a controller; together with robot and settings it determines all further results."""
 
     cycle: CycleSnapshot
-    supervision: StateMachineSnapshot
+    timer: TimerSnapshot
+    state_machine: StateMachineSnapshot
     status: StatusSnapshot
     joint_states: JointStateSnapshot
     frames: FramesSnapshot
-    targets: TargetsSnapshot
-    follow: FollowingErrorSnapshot
-    law: VelocityControllerSnapshot
+    targets: ArbiterSnapshot
+    following_error: FollowingErrorSnapshot
+    velocity_controller: VelocityControllerSnapshot
     scene: Scene

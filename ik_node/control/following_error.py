@@ -1,4 +1,6 @@
-"""Does the robot do what it is told? A protective stop, a speed slider or a controller that is not active say no."""
+"""Detects a robot that does not follow its commands: protective stop, inactive controller, reduced speed (slider).
+
+The commanded motion is compared with the measured one over a short and a long window."""
 
 from __future__ import annotations
 
@@ -9,80 +11,91 @@ from numpy.typing import NDArray
 
 from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
-from ik_node.math.angles import short_way
+from ik_node.math.angles import joint_difference
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import FollowSettings
 
+MIN_MOTION = 0.03
+"""Commanded motion [rad or m] of a joint below which following is not evaluated."""
+WINDOW_S = 0.25
+"""Length of the short window."""
+RETRY_S = 1.0
+"""Time after which a robot that did not follow is tried again."""
 LONG_WINDOWS = 8
-"""Slow motions are judged over this many windows."""
-STANDSTILL = 0.1
-"""A robot that does less than this part of what it is told counts as standing."""
-
+"""Length of the long window, in short windows; it detects slow motions."""
+STANDSTILL_RATIO = 0.1
+"""Ratio of measured to commanded motion below which the robot counts as standing still."""
 
 FOLLOWS, STANDS, LAGS = 0, 1, 2
-WORDS = (
+MESSAGES = (
     "",
     "the robot does not move: protective stop, or its controller is not active",
-    "the robot moves less than it is told: speed slider, or a limit of its own",
+    "the robot moves less than commanded: speed slider, or a limit in the robot",
 )
-"""Of these verdicts."""
+"""Status texts for these values."""
 
 
 class FollowingErrorSnapshot(NamedTuple):
-    """What a :class:`FollowMonitor` remembers: the arm at the last k measurements."""
+    """The last k measurements of a :class:`FollowingErrorMonitor`."""
 
     times_ns: NDArray[np.int64]
-    """(k,)."""
+    """Monotonic times, (k,)."""
     positions: Array
-    """(k, n), measured, rad (m)."""
-    told: Array
-    """(k, n), the sum of all commands up to then, rad (m): where it would be if it had followed, but for a constant."""
+    """Measured positions, (k, n), rad (m)."""
+    commanded: Array
+    """Integral of the commands up to each measurement, (k, n), rad (m)."""
     sums: Array
-    """(k, 2): agreed, the sum of told' went over the steps from measurement to measurement, rad2 (m2); and asked, the
-    sum of told' told over the same steps."""
+    """(k, 2), rad2 (m2): sums over the intervals between measurements of commanded' measured motion, and of commanded'
+    commanded motion."""
 
 
-class FollowMonitor:
-    """Compares how the joints were told to go with how they went, over a short and a long window."""
+class FollowingErrorMonitor:
+    """Compares commanded and measured joint motion over a short and a long window."""
 
     def __init__(self, robot: Robot, settings: FollowSettings) -> None:
         self._robot = robot
         self._rows = _empty_rows(256, robot.n)
-        """A ring: the oldest measurement is in row ``first``."""
+        """Ring buffer; the oldest measurement is in row ``first``."""
         self._first = self._count = 0
         self.configure(settings)
 
     def configure(self, settings: FollowSettings) -> None:
-        """Other settings from now on."""
+        """Applies changed settings."""
         self._settings = settings
-        self._window_ns = round(settings.window_s * NS)
+        self._window_ns = round(WINDOW_S * NS)
 
     def capture(self) -> FollowingErrorSnapshot:
-        """For :meth:`restore`."""
+        """Snapshot for :meth:`restore`."""
         rows = self._rows
         kept = (self._first + np.arange(self._count)) % len(rows.times_ns)
-        return FollowingErrorSnapshot(rows.times_ns[kept], rows.positions[kept], rows.told[kept], rows.sums[kept])
+        return FollowingErrorSnapshot(rows.times_ns[kept], rows.positions[kept], rows.commanded[kept], rows.sums[kept])
 
     def restore(self, snapshot: FollowingErrorSnapshot) -> None:
-        """Goes on, bit for bit, from ``snapshot``."""
+        """Continues, bit for bit, from a snapshot."""
         self._first, self._count = 0, len(snapshot.times_ns)
         self._rows = _empty_rows(max(2 * self._count, 256), self._robot.n)
         for column, values in zip(self._rows, snapshot, strict=True):
             column[: self._count] = values.reshape(self._count, *column.shape[1:])
 
-    def forget(self) -> None:
-        """The arm begins anew: what was told before does not count."""
+    def reset(self) -> None:
+        """Discards all measurements."""
         self._first = self._count = 0
 
-    def observe(self, time_ns: int, position: Array, command: Array) -> str:
-        """Takes a measurement (n,) and the command (n,) that has stood since the last one.
+    def update(self, time_ns: int, position: Array, command: Array) -> str:
+        """Adds a measurement and evaluates both windows.
 
-        Returns why the robot does not follow; empty while it does, or while too little was asked of it to tell.
+        Args:
+            time_ns: Monotonic time of the measurement.
+            position: Measured joint positions, (n,), rad (m).
+            command: Command since the last measurement, (n,), rad/s (m/s).
+
+        Returns:
+            Why the robot does not follow, as text; empty while it follows or the commanded motion is too small.
         """
         if self._count == len(self._rows.times_ns):
             self.restore(self.capture())
-        self._first, self._count, verdict = _observed(
+        self._first, self._count, status = _updated(
             *self._rows,
             self._first,
             self._count,
@@ -91,10 +104,10 @@ class FollowMonitor:
             command,
             self._robot.continuous,
             self._window_ns,
-            self._settings.least_motion,
-            self._settings.part,
+            MIN_MOTION,
+            self._settings.min_ratio,
         )
-        return WORDS[verdict]
+        return MESSAGES[status]
 
 
 def _empty_rows(count: int, n: int) -> FollowingErrorSnapshot:
@@ -104,10 +117,10 @@ def _empty_rows(count: int, n: int) -> FollowingErrorSnapshot:
 
 
 @compiled
-def _observed(
+def _updated(
     times_ns: NDArray[np.int64],
     positions: Array,
-    told: Array,
+    commanded: Array,
     sums: Array,
     first: int,
     count: int,
@@ -116,62 +129,62 @@ def _observed(
     command: Array,
     continuous: NDArray[np.bool_],
     window_ns: int,
-    least_motion: float,
-    least_part: float,
+    min_motion: float,
+    min_ratio: float,
 ) -> tuple[int, int, int]:
-    """Writes one more row into the ring; gives the first row and the count from now on, and the verdict."""
+    """Appends a row to the ring buffer; returns the new first row, the new number of rows, and the status."""
     rows, n = len(times_ns), len(position)
     last, now = (first + count - 1) % rows, (first + count) % rows
-    times_ns[now], positions[now], told[now], sums[now] = time_ns, position, 0.0, 0.0
+    times_ns[now], positions[now], commanded[now], sums[now] = time_ns, position, 0.0, 0.0
     if count == 0:
         return first, 1, FOLLOWS
     elapsed_s = (time_ns - times_ns[last]) / NS
-    agreed, asked = 0.0, 0.0
+    followed, squared = 0.0, 0.0
     for i in range(n):
         step = command[i] * elapsed_s
-        told[now, i] = told[last, i] + step
-        agreed += step * short_way(positions[last, i], position[i], continuous[i])
-        asked += step * step
-    sums[now, 0], sums[now, 1] = sums[last, 0] + agreed, sums[last, 1] + asked
+        commanded[now, i] = commanded[last, i] + step
+        followed += step * joint_difference(positions[last, i], position[i], continuous[i])
+        squared += step * step
+    sums[now, 0], sums[now, 1] = sums[last, 0] + followed, sums[last, 1] + squared
     count += 1
     while count > 2 and times_ns[(first + 1) % rows] <= time_ns - LONG_WINDOWS * window_ns:
         first, count = (first + 1) % rows, count - 1
     span_ns = time_ns - times_ns[first]
     if span_ns < window_ns:
         return first, count, FOLLOWS
-    # Entries come at nearly even times: the one a window ago is found by proportion, not by searching.
+    # Measurements are almost evenly spaced: the row one window ago is found by proportion, without a search.
     ago = round(window_ns / span_ns * (count - 1))
     recent = (first + max(count - 1 - ago, 0)) % rows
-    verdict = _verdict(positions, told, sums, recent, now, continuous, least_motion, least_part)
-    if verdict == FOLLOWS:
-        verdict = _verdict(positions, told, sums, first, now, continuous, least_motion, least_part)
-    return first, count, verdict
+    status = _status(positions, commanded, sums, recent, now, continuous, min_motion, min_ratio)
+    if status == FOLLOWS:
+        status = _status(positions, commanded, sums, first, now, continuous, min_motion, min_ratio)
+    return first, count, status
 
 
 @compiled
-def _verdict(
+def _status(
     positions: Array,
-    told: Array,
+    commanded: Array,
     sums: Array,
     begin: int,
     end: int,
     continuous: NDArray[np.bool_],
-    least_motion: float,
-    least_part: float,
+    min_motion: float,
+    min_ratio: float,
 ) -> int:
-    """From the measurement in one row to that in another."""
-    judged, along, squared = False, 0.0, 0.0
-    for i in range(told.shape[1]):
-        way = told[end, i] - told[begin, i]
-        judged = judged or not abs(way) < least_motion
-        along += way * short_way(positions[begin, i], positions[end, i], continuous[i])
-        squared += way * way
-    if not judged:
+    """Status of the motion from the measurement in row ``begin`` to that in row ``end``."""
+    evaluated, along, squared = False, 0.0, 0.0
+    for i in range(commanded.shape[1]):
+        distance = commanded[end, i] - commanded[begin, i]
+        evaluated = evaluated or not abs(distance) < min_motion
+        along += distance * joint_difference(positions[begin, i], positions[end, i], continuous[i])
+        squared += distance * distance
+    if not evaluated:
         return FOLLOWS
-    # An arm that is late by 20 ms ends a motion that turned round somewhere else than it was told, and does not do
-    # every tremble step by step; who does neither does not follow.
+    # With a delay of 20 ms, the end point of a motion that reverses differs from the commanded one, and fast
+    # oscillations do not agree step by step. The robot does not follow when both measures are too small.
     steps = (sums[end, 0] - sums[begin, 0]) / (sums[end, 1] - sums[begin, 1])
-    part = max(steps, along / squared)
-    if part >= least_part:
+    ratio = max(steps, along / squared)
+    if ratio >= min_ratio:
         return FOLLOWS
-    return STANDS if part < STANDSTILL else LAGS
+    return STANDS if ratio < STANDSTILL_RATIO else LAGS

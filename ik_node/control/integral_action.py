@@ -1,9 +1,9 @@
-"""Integral action: takes out what a steady disturbance leaves over, and nothing else.
+"""Integral action: removes the steady-state error due to constant disturbances.
 
-The twist K_i z is added to the feedback, with z the integral of the error log(T_bd) in {b}. With K_p it closes the
-error by s^2 + K_p s + K_i = 0: up to K_i = K_p^2 / 4 without oscillation. Against winding up, z stands still while the
-arm cannot do what it is told (``frozen``) and, each half for itself, while the feedback is capped; and its twist is
-capped itself.
+The twist K_i z is added to the feedback, with z the integral of the error log(T_bd) in {b}. With K_p the error dynamics
+are s^2 + K_p s + K_i = 0, without oscillation up to K_i = K_p^2 / 4. Anti-windup: z is not integrated while the command
+is limited (``frozen``) or, separately for the linear and the angular part, while the feedback is saturated; and K_i z
+is bounded.
 """
 
 from __future__ import annotations
@@ -13,85 +13,93 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.jit import compiled
-from ik_node.math.quaternion import cut, length
+from ik_node.math.quaternion import clamp_norm, length
 from ik_node.math.types import Array
 from ik_node.settings.groups import ControlSettings
 
-NOTHING = np.zeros(6)
-"""Shared: z is never written into, but replaced."""
+MAX_INTEGRAL_TWIST = (0.05, 0.2)
+"""Maximum speed that integral action commands [linear m/s, angular rad/s]."""
+ZERO = np.zeros(6)
+"""Shared initial z; z is replaced, never modified in place."""
 
 
 class IntegralSnapshot(NamedTuple):
-    """What :class:`IntegralAction` remembers."""
+    """Attributes of an :class:`IntegralAction`."""
 
     value: Array
 
 
 class IntegralAction:
-    """z and what it asks for."""
+    """Integrator with anti-windup."""
 
     def __init__(self) -> None:
-        self.value: Array = NOTHING
-        """z (6,): m s and rad s, in {b}."""
+        self.value: Array = ZERO
+        """z, (6,), m s and rad s, in {b}."""
 
     def reset(self) -> None:
-        """Nothing has been left over."""
-        self.value = NOTHING
+        """Sets z to zero."""
+        self.value = ZERO
 
     def idle(self, control: ControlSettings) -> bool:
-        """True where nothing is asked for; what has been left over is then forgotten."""
-        if control.gain_integral_linear != 0.0 or control.gain_integral_angular != 0.0:
+        """True when both gains are zero; z is then set to zero."""
+        if any(control.integral_gain):
             return False
-        self.value = NOTHING
+        self.value = ZERO
         return True
 
     def twist(self, error_b: Array, elapsed_s: float, frozen: bool, control: ControlSettings) -> Array:
-        """K_i z (6,) in {b}, after ``elapsed_s`` with the error ``error_b`` (6,).
+        """Integrates the error and returns the integral twist.
 
-        ``frozen``: the last twist was scaled down, lost a direction, or the robot does not follow.
+        Args:
+            error_b: log(T_bd), (6,), m and rad.
+            elapsed_s: Time since the last control step, s.
+            frozen: True when the last twist was scaled or truncated; z then keeps its value.
+            control: Gains and bounds.
+
+        Returns:
+            K_i z, (6,), m/s and rad/s, in {b}.
         """
         self.value, twist = _integrated(
             self.value,
             error_b,
             elapsed_s,
             frozen,
-            _Half(
-                control.gain_integral_linear,
-                control.max_integral_linear,
-                control.gain_linear,
-                control.max_feedback_linear,
-            ),
-            _Half(
-                control.gain_integral_angular,
-                control.max_integral_angular,
-                control.gain_angular,
-                control.max_feedback_angular,
+            *(
+                _Half(
+                    control.integral_gain[half],
+                    MAX_INTEGRAL_TWIST[half],
+                    control.gain[half],
+                    control.max_feedback_twist[half],
+                )
+                for half in (0, 1)
             ),
         )
         return twist
 
 
 class _Half(NamedTuple):
+    """Settings of the linear or the angular part."""
+
     gain: float
-    cap: float
-    """Of the twist."""
+    max_speed: float
+    """Bound of K_i z."""
     feedback_gain: float
-    feedback_cap: float
+    max_feedback: float
 
 
 @compiled
 def _integrated(
     value: Array, error_b: Array, elapsed_s: float, frozen: bool, linear: _Half, angular: _Half
 ) -> tuple[Array, Array]:
-    """z from now on, and its twist."""
+    """New z, and K_i z."""
     z, twist = np.zeros(6), np.zeros(6)
     for first, half in ((0, linear), (3, angular)):
         if half.gain == 0.0:
             continue
         x, y, s = value[first], value[first + 1], value[first + 2]
         a, b, c = error_b[first], error_b[first + 1], error_b[first + 2]
-        if not frozen and half.feedback_gain * length((a, b, c)) <= half.feedback_cap:
-            x, y, s = cut((x + elapsed_s * a, y + elapsed_s * b, s + elapsed_s * c), half.cap / half.gain)
+        if not frozen and half.feedback_gain * length((a, b, c)) <= half.max_feedback:
+            x, y, s = clamp_norm((x + elapsed_s * a, y + elapsed_s * b, s + elapsed_s * c), half.max_speed / half.gain)
         z[first], z[first + 1], z[first + 2] = x, y, s
         twist[first : first + 3] = half.gain * z[first : first + 3]
     return z, twist

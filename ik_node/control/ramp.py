@@ -1,4 +1,4 @@
-"""Coming to rest on the shortest straight line in joint space that the acceleration limits allow."""
+"""Ramp of the joint velocity to zero, along a straight line in joint space, within the acceleration limits."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from ik_node.math.types import Array
 
 
 class Ramp(NamedTuple):
-    """A ramp from a joint velocity to zero, all joints in proportion, so that the tool's path does not bend."""
+    """Linear ramp of a joint velocity to zero; all joints keep their ratio, so the tool stays close to its path."""
 
     velocity: Array
-    """Joint velocity at the start, (n,)."""
+    """Joint velocity at the start, (n,), rad/s (m/s)."""
     start_ns: int
     duration_s: float
 
     def at(self, time_ns: int) -> Array:
-        """Joint velocity at a monotonic time; zero from the end on."""
+        """Joint velocity at a monotonic time, (n,), rad/s (m/s)."""
         elapsed_s = (time_ns - self.start_ns) / NS
         if elapsed_s >= self.duration_s:
             return np.zeros_like(self.velocity)
         return self.velocity * (1.0 - max(elapsed_s, 0.0) / self.duration_s)
 
     def finished(self, time_ns: int) -> bool:
-        """True once the velocity is zero."""
+        """True when the velocity is zero at a monotonic time."""
         return (time_ns - self.start_ns) / NS >= self.duration_s
 
 
 def ramp_to_zero(velocity: Array, acceleration: Array, time_ns: int) -> Ramp:
-    """The ramp from ``velocity`` (n,) under ``acceleration`` limits (n,); the slowest joint sets its length."""
+    """Shortest ramp from ``velocity`` (n,) within ``acceleration`` limits (n,); starts at a monotonic time."""
     return Ramp(velocity.copy(), time_ns, float(np.max(np.abs(velocity) / acceleration)))

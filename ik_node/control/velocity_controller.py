@@ -1,7 +1,7 @@
-"""The law of one tick: from a measured state and a desired motion to a command, with everything it remembers.
+"""Velocity controller: the joint velocity command from a measured state and a desired motion.
 
-It composes the twist of the control law (or the difference of inverse kinematics), integral action, the model of a late
-arm, and the optimum within the limits.
+It composes the feedback law (task space or joint space), integral action, the Smith predictor and the differential
+inverse kinematics within the limits.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot, twist_feedback
 from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
-from ik_node.control.smith_predictor import LateArm, SmithPredictorSnapshot
-from ik_node.differential_ik.solution import NOTHING_LOST, Moment, Outcome
-from ik_node.differential_ik.solver import SolverSnapshot, TickSolver
+from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
+from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
+from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.snapshot import capture, restore
@@ -24,154 +24,180 @@ from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
-HIGHEST_GAIN_FOR_LATE_ARMS = 100.0
-"""Gain [1/s] up to which ik_difference was seen to stay stable with 20 ms of lag and one sample of delay."""
+MAX_GAIN_WITH_LAG = 100.0
+"""Largest ik_difference_gain [1/s] that was stable in simulation with 20 ms of lag and one sample of delay."""
 
 
-class Decision(NamedTuple):
-    """What one tick came to."""
+class ControlOutput(NamedTuple):
+    """Result of one control step."""
 
-    asked: DesiredTwist
-    """Its error is that of the tool now; its twists are what was asked for."""
-    outcome: Outcome
+    desired: DesiredTwist
+    """Error at the measured position, and the twists of the feedback law."""
+    solution: DifferentialIkSolution
+    """Solution of the differential inverse kinematics; contains the command."""
     elapsed_s: float
-    """For how long the last command had stood."""
+    """Time since the previous command, s."""
 
 
 class CommandSnapshot(NamedTuple):
-    """What a :class:`Law` itself remembers; its attributes of the same names."""
+    """Attributes of a :class:`VelocityController`, without those of its components."""
 
     velocity: Array
-    """The command that stands, (n,), rad/s (m/s)."""
+    """Last command, (n,), rad/s (m/s)."""
     commanded_ns: int
-    """Since when."""
-    pace: float
-    """s of the last tick."""
-    gives_up: bool
-    """Whether a part of the twist was given up at the last tick."""
+    """Monotonic time of the last command."""
+    task_scale: float
+    """s of the last control step."""
+    truncated: bool
+    """True when a component of the last twist was truncated near a singularity."""
 
 
 class VelocityControllerSnapshot(NamedTuple):
-    """Everything that decides what the law does next, beside its robot and its settings."""
+    """Complete internal state of a :class:`VelocityController`."""
 
     command: CommandSnapshot
     ik_difference: IkDifferenceSnapshot
     integral: IntegralSnapshot
-    late: SmithPredictorSnapshot
+    smith_predictor: SmithPredictorSnapshot
     solver: SolverSnapshot
 
 
-class Law:
-    """One instance belongs to one controller."""
+class VelocityController:
+    """Control law, predictor and differential inverse kinematics of one arm."""
 
     def __init__(self, robot: Robot, settings: Settings) -> None:
-        """Raises SettingsError when limits do not fit the robot, and as the solver's surroundings do."""
+        """Creates the components.
+
+        Raises:
+            SettingsError: A list of limits does not match the number of joints.
+            SceneError: The scene file cannot be used.
+            UnknownNameError: ``obstacles`` names a link that does not exist.
+        """
         self._robot = robot
         self._control = settings.control
-        self.solver = TickSolver(robot, settings)
+        self.solver = DifferentialIkSolver(robot, settings)
         self._ik = IkDifference(robot)
         self._integral = IntegralAction()
-        self._late = LateArm(robot.n, settings.control)
+        self._smith_predictor = SmithPredictor(robot.n, settings.control)
         self.velocity = np.zeros(robot.n)
         self.commanded_ns = 0
-        self.pace = 1.0
-        self.gives_up = False
+        self.task_scale = 1.0
+        self.truncated = False
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on; raises SettingsError, changing nothing, when limits do not fit the robot."""
+        """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
         self.solver.configure(settings)
         self._control = settings.control
-        self._late.configure(settings.control)
+        self._smith_predictor.configure(settings.control)
 
     def capture(self) -> VelocityControllerSnapshot:
-        """For :meth:`restore`."""
+        """Snapshot for :meth:`restore`."""
         return VelocityControllerSnapshot(
             capture(self, CommandSnapshot),
             capture(self._ik, IkDifferenceSnapshot),
             capture(self._integral, IntegralSnapshot),
-            capture(self._late, SmithPredictorSnapshot),
+            capture(self._smith_predictor, SmithPredictorSnapshot),
             self.solver.capture(),
         )
 
     def restore(self, snapshot: VelocityControllerSnapshot) -> None:
-        """Goes on, bit for bit, from ``snapshot``."""
+        """Continues, bit for bit, from a snapshot."""
         restore(self, snapshot.command)
         restore(self._ik, snapshot.ik_difference)
         restore(self._integral, snapshot.integral)
-        restore(self._late, snapshot.late)
+        restore(self._smith_predictor, snapshot.smith_predictor)
         self.solver.restore(snapshot.solver)
 
-    def begin(self, time_ns: int, commanded_ns: int) -> None:
-        """The arm begins anew, at rest at the measurement of ``time_ns``."""
+    def start(self, time_ns: int, commanded_ns: int) -> None:
+        """Resets all components for an arm at rest.
+
+        Args:
+            time_ns: Monotonic time of the measurement.
+            commanded_ns: Monotonic time from which the command of zero is assumed.
+        """
         self.commanded_ns = commanded_ns
-        self._late.begin(time_ns)
+        self._smith_predictor.reset(time_ns)
         self._ik.solution = None
         self._integral.reset()
         self.solver.begin()
-        self.pace, self.gives_up = 1.0, False
+        self.task_scale, self.truncated = 1.0, False
 
     def command(self, velocity: Array, time_ns: int) -> None:
-        """``velocity`` (n,) is what is commanded from now on, whoever says so."""
+        """Records a command (n,), rad/s (m/s), given at a monotonic time, from this or another source."""
         self.velocity, self.commanded_ns = velocity, time_ns
-        self._late.command(velocity, time_ns)
+        self._smith_predictor.command(velocity, time_ns)
 
-    def decide(self, state: JointState, pose_sb: Array, motion: Motion, interval_s: float, now: Instant) -> Decision:
-        """The command for the tool at ``pose_sb`` (4, 4) that should do ``motion``; it counts as given.
+    def compute(
+        self, state: JointState, pose_sb: Array, motion: Motion, interval_s: float, now: Instant
+    ) -> ControlOutput:
+        """Computes the command of one control step, and records it as given.
 
-        ``interval_s``: for how long it will stand, as far as is known. Raises InputError when no finite answer exists.
+        Args:
+            state: Measured joint state.
+            pose_sb: Pose of the tool at ``state.position``, (4, 4).
+            motion: Desired motion.
+            interval_s: Expected time until the next command, s.
+            now: Present time.
+
+        Returns:
+            The command with the intermediate results.
+
+        Raises:
+            InputError: No finite solution exists.
         """
         control = self._control
-        asked = twist_feedback(pose_sb, motion, control)
+        desired = twist_feedback(pose_sb, motion, control)
         position = state.position
-        if self._late.lateness_s > 0.0:
-            # Where the arm is going to be by what it has been told, towards the target of that time.
-            position = position + self._late.lead(state.time_ns)
-            later = self._late.target(motion, interval_s)
-            asked = twist_feedback(self._robot.pose(position), later, control)._replace(error_b=asked.error_b)
-        # The Jacobian belongs to the middle of the interval in which the command will stand, as the feed-forward does.
-        ahead_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
+        if self._smith_predictor.total_delay_s > 0.0:
+            # Predicted position of the arm, and the target extrapolated by the same time.
+            position = position + self._smith_predictor.predicted_offset(state.time_ns)
+            predicted = self._smith_predictor.target(motion, interval_s)
+            at_prediction = twist_feedback(self._robot.pose(position), predicted, control)
+            desired = at_prediction._replace(error_b=desired.error_b)
+        # Jacobian and feed-forward are evaluated at the middle of the interval in which the command is held.
+        to_middle_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
         elapsed_s = (now.monotonic_ns - self.commanded_ns) / NS
-        q_middle = carried_on(position, self.velocity, ahead_s)
-        moment = Moment(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
+        q_middle = extrapolated(position, self.velocity, to_middle_s)
+        arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
-            wanted = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
-            outcome = self.solver.follow_velocity(moment, wanted)
+            velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
+            solution = self.solver.follow_velocity(arm, velocity)
         else:
             self._ik.solution = None
             if not self._integral.idle(control):
-                frozen = self.pace < 1.0 or self.gives_up
-                more = self._integral.twist(asked.error_b, elapsed_s, frozen, control)
-                asked = asked._replace(twist_b=asked.twist_b + more)
-            outcome = self.solver.follow_twist(moment, asked.twist_b)
-        self.command(outcome.joint_velocity, now.monotonic_ns)
-        self.pace = outcome.scale
-        self.gives_up = outcome.lost_b is not NOTHING_LOST and bool(np.abs(outcome.lost_b).max() > 1e-6)
-        return Decision(asked, outcome, elapsed_s)
+                frozen = self.task_scale < 1.0 or self.truncated
+                integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
+                desired = desired._replace(twist_b=desired.twist_b + integral)
+            solution = self.solver.follow_twist(arm, desired.twist_b)
+        self.command(solution.joint_velocity, now.monotonic_ns)
+        self.task_scale = solution.scale
+        self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
+        return ControlOutput(desired, solution, elapsed_s)
 
-    def conditions(self, decision: Decision) -> list[str]:
-        """What a person should know of a decision."""
-        outcome, control, solver = decision.outcome, self._control, self.solver
+    def conditions(self, output: ControlOutput) -> list[str]:
+        """Conditions of a control step for the status text."""
+        solution, control, solver = output.solution, self._control, self.solver
         found = []
-        if self.gives_up:
-            found.append("near a singularity, part of the twist is given up")
-        if outcome.pace < 0.99:
-            found.append("slowing down to pass a singularity")
-        if outcome.scale < outcome.pace:
+        if self.truncated:
+            found.append("near a singularity: a component of the twist is truncated")
+        if solution.pace < 0.99:
+            found.append("slowed down near a singularity")
+        if solution.scale < solution.pace:
             found.append("slowed down by joint limits")
-        if outcome.conceded:
-            found.append("a joint limit had to give way")
-        if decision.elapsed_s > solver.limits.dt_max_s:
-            found.append("a command stood for longer than hold_periods")
+        if solution.relaxed:
+            found.append("a joint limit was relaxed")
+        if output.elapsed_s > solver.limits.dt_max_s:
+            found.append("a command was held for longer than hold_periods")
         if not self._ik.converged:
-            found.append("inverse kinematics finds no solution near the last one")
+            found.append("inverse kinematics found no solution near the last one")
         if solver.without_effect:
             found.append(solver.without_effect)
-        if control.control_law == "ik_difference" and control.ik_difference_gain > HIGHEST_GAIN_FOR_LATE_ARMS:
-            found.append("ik_difference_gain is stable only for an arm that answers without lag")
+        if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:
+            found.append("ik_difference_gain is stable only for an arm without lag")
         return found
 
 
 @compiled
-def carried_on(q: Array, qd: Array, time_s: float) -> Array:
-    """Where joints at ``q`` (n,) are after ``time_s`` at ``qd`` (n,)."""
+def extrapolated(q: Array, qd: Array, time_s: float) -> Array:
+    """Joint positions after ``time_s`` at constant velocity: q + time_s qd, (n,)."""
     return q + time_s * qd

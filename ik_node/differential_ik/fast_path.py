@@ -1,9 +1,9 @@
-"""The optimum of a usual tick in one compiled pass: the closed form, and where it does not fit, the bounded problem.
+"""The control step away from singularities in one compiled pass: the closed form, or the constrained problem.
 
-Usual is what nearly every tick is: no singularity is near, the limits of this tick agree with each other, dampers leave
-the arm the right to stand still, and the null space has at most one dimension, or nothing binds. Where that is not so,
-the answer says it, and the same problem goes through :mod:`ik_node.differential_ik.singularity` and :mod:`ik_node.differential_ik.constrained`, of whose
-parts this is made.
+This fast path serves nearly every control step: no singularity is near, the limits of this step are compatible, zero
+velocity obeys the velocity dampers, and the null space has at most one dimension or no constraint binds. Otherwise the
+solution is marked as not valid, and the same problem goes through :mod:`ik_node.differential_ik.singularity` and
+:mod:`ik_node.differential_ik.constrained`, from whose functions this pass is composed.
 """
 
 from __future__ import annotations
@@ -13,44 +13,45 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.differential_ik.closed_form import solution
-from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, line_of, search, unit_rows
+from ik_node.differential_ik.closed_form import closed_form
+from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, solve_exactly, task_line, unit_rows
 from ik_node.jit import compiled
-from ik_node.math.pseudoinverse import EPSILON, decomposition
+from ik_node.math.pseudoinverse import EPSILON, svd_with_rank
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import JointBounds, MotionLimits, joint_bounds, nothing_conceded
+from ik_node.robot.joint_limits import JointBounds, MotionLimits, joint_bounds, nothing_relaxed
 
 NO_SIDES = np.zeros(0, dtype=np.int8)
 LOWER, UPPER = 1, 2
 
 
-class Usual(NamedTuple):
-    """The answer of a usual tick; of another one only ``usual`` means anything."""
+class FastSolution(NamedTuple):
+    """The solution of the fast path; the other fields have a meaning only if ``valid``."""
 
-    usual: bool
+    valid: bool
     joint_velocity: Array
     """(n,), rad/s (m/s)."""
-    scale: float
-    """s: the part of the twist that is done."""
+    task_scale: float
+    """s: the fraction of the twist that is executed."""
     multiplier_task: Array
-    """Of the closed form, as is the next, (m,)."""
+    """First term of the multiplier of the closed form, (m,)."""
     multiplier_potential: Array
+    """Second term of the multiplier of the closed form, (m,)."""
     singular_values: Array
     """Of J with its rows times ``row_scale``, descending."""
     sides: NDArray[np.int8]
-    """What binds: of each joint LOWER, UPPER, their sum or 0, then of each damper 1 or 0; none where nothing does."""
+    """Active constraints: LOWER, UPPER, their sum or 0 for each joint, then 1 or 0 for each damper; empty if none."""
 
 
-def per_joint_of(limits: MotionLimits, cap: Array) -> Array:
-    """The arrays of ``limits``, and the fastest velocities in the null space, ``cap`` (n,), as rows.
+def stacked_limits(limits: MotionLimits, null_space_cap: Array) -> Array:
+    """The arrays of ``limits`` and ``null_space_cap`` (n,) as rows, (5, n).
 
-    One array is handed to compiled code more quickly than a NamedTuple of them.
+    One array is passed to compiled code faster than a NamedTuple of arrays.
     """
-    return np.stack((*limits[:4], cap))
+    return np.stack((*limits[:4], null_space_cap))
 
 
 @compiled
-def usual_tick(
+def solve_fast(
     jacobian: Array,
     twist: Array,
     row_scale: Array,
@@ -66,13 +67,28 @@ def usual_tick(
     elapsed_s: float,
     rows: Array,
     least: Array,
-) -> Usual:
-    """The optimum, where the tick is a usual one.
+) -> FastSolution:
+    """The optimum under limits, if the fast path applies.
 
-    ``jacobian`` to ``gain`` as for :func:`ik_node.differential_ik.closed_form.solution`, but for ``threshold``: singular values from
-    this one on are far from zero. ``per_joint`` (5, n), ``dt_max_s``, ``recovery_speed``: limits and null-space cap,
-    see :func:`per_joint_of`. ``q`` (n,) measured, ``previous`` (n,) the command that has stood for ``elapsed_s``.
-    ``rows`` (k, n) qd >= ``least`` (k,): dampers. np.linalg.LinAlgError where J is not finite.
+    Args:
+        jacobian: J, (m, n), C-contiguous.
+        twist: V, (m,).
+        row_scale: Factors of the rows of J, (m,).
+        threshold: Smallest singular value, in the unit of the scaled J, at which the fast path applies.
+        weight: W, (n, n), or :data:`ik_node.differential_ik.closed_form.IDENTITY`.
+        gradient: grad_h, (n,), or :data:`ik_node.differential_ik.closed_form.NO_GRADIENT`.
+        gain: k, s.
+        per_joint: Limits and null-space cap, see :func:`stacked_limits`.
+        dt_max_s: Longest time for which a command is held, s.
+        recovery_speed: Speed at which a joint outside its position limits is returned, rad/s (m/s).
+        q: Measured joint positions, (n,).
+        previous: The present command, (n,), rad/s (m/s).
+        elapsed_s: For how long it has been held, s.
+        rows: Velocity dampers ``rows`` qd >= ``least``, (k, n).
+        least: (k,).
+
+    Raises:
+        np.linalg.LinAlgError: J is not finite.
     """
     limits = MotionLimits(per_joint[0], per_joint[1], per_joint[2], per_joint[3], dt_max_s, recovery_speed)
     m, n = jacobian.shape
@@ -80,28 +96,31 @@ def usual_tick(
     for i in range(m):
         for j in range(n):
             scaled[i, j] = row_scale[i] * jacobian[i, j]
-    parts = decomposition(scaled, max(m, n) * EPSILON)
-    free = solution(jacobian, twist, weight, gradient, gain, 0.0, row_scale, per_joint[4], parts)
+    svd = svd_with_rank(scaled, max(m, n) * EPSILON)
+    free = closed_form(jacobian, twist, weight, gradient, gain, 0.0, row_scale, per_joint[4], svd)
     bounds = joint_bounds(limits, q, previous, elapsed_s)
-    usual = parts.sigma[-1] >= threshold and nothing_conceded(bounds)
+    valid = svd.sigma[-1] >= threshold and nothing_relaxed(bounds)
     velocity, scale, sides = free.joint_velocity, 1.0, NO_SIDES
-    if usual and not _fits(velocity, bounds, rows, least):
+    if valid and not _is_feasible(velocity, bounds, rows, least):
         base = np.minimum(np.maximum(0.0, bounds.lo), bounds.hi)
-        usual = n - parts.rank <= 1 and np.all(np.isfinite(velocity)) and _obeys(base, rows, least)
-        if usual:
+        valid = n - svd.rank <= 1 and np.all(np.isfinite(velocity)) and _obeys(base, rows, least)
+        if valid:
             units, limit = unit_rows(rows, least)
-            line = line_of(parts, row_scale * twist, np.abs(twist).max())
+            line = task_line(svd, row_scale * twist, np.abs(twist).max())
             base_scale = np.nan if np.any(base != 0.0) else 0.0
             pull = free.gain * gradient if len(gradient) else np.zeros(n)
-            found = search(line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity)
-            velocity, scale = np.minimum(np.maximum(found.joint_velocity, bounds.lo), bounds.hi), found.scale
-            usual = not np.isnan(scale) and np.all(np.isfinite(velocity))
-            sides = _sides(velocity, bounds, units, limit)
-    return Usual(usual, velocity, scale, free.multiplier_task, free.multiplier_potential, parts.sigma, sides)
+            solution = solve_exactly(
+                line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity
+            )
+            velocity = np.minimum(np.maximum(solution.joint_velocity, bounds.lo), bounds.hi)
+            scale = solution.scale
+            valid = not np.isnan(scale) and np.all(np.isfinite(velocity))
+            sides = _active_sides(velocity, bounds, units, limit)
+    return FastSolution(valid, velocity, scale, free.multiplier_task, free.multiplier_potential, svd.sigma, sides)
 
 
 @compiled
-def _fits(velocity: Array, bounds: JointBounds, rows: Array, least: Array) -> bool:
+def _is_feasible(velocity: Array, bounds: JointBounds, rows: Array, least: Array) -> bool:
     for i in range(len(velocity)):
         if not bounds.lo[i] <= velocity[i] <= bounds.hi[i]:
             return False
@@ -110,14 +129,14 @@ def _fits(velocity: Array, bounds: JointBounds, rows: Array, least: Array) -> bo
 
 @compiled
 def _obeys(velocity: Array, rows: Array, least: Array) -> bool:
-    for k in range(len(least)):  # noqa: SIM110 - compiled code has no all() of a generator
+    for k in range(len(least)):  # noqa: SIM110 - numba does not compile all() of a generator
         if not rows[k] @ velocity >= least[k]:
             return False
     return True
 
 
 @compiled
-def _sides(velocity: Array, bounds: JointBounds, rows: Array, least: Array) -> NDArray[np.int8]:
+def _active_sides(velocity: Array, bounds: JointBounds, rows: Array, least: Array) -> NDArray[np.int8]:
     n = len(velocity)
     sides = np.zeros(n + len(least), dtype=np.int8)
     for i in range(n):

@@ -1,6 +1,6 @@
-"""Time as an argument: below ``ros/`` and ``cli/`` nothing looks at a clock, so that a replay gives the run's bits.
+"""Times as arguments: below ``ros`` and ``cli`` no module reads a clock, so a replay reproduces a run bit for bit.
 
-All reasoning happens in monotonic nanoseconds. ROS stamps are only used to learn how old a message is.
+Internal times are monotonic nanoseconds. ROS stamps only determine the age of a message.
 """
 
 from __future__ import annotations
@@ -12,30 +12,36 @@ NS = 1_000_000_000
 
 
 class Instant(NamedTuple):
-    """One moment as two clocks show it."""
+    """One instant on two clocks."""
 
     monotonic_ns: int
-    """Steady clock: durations and time-outs."""
+    """Monotonic clock, for durations and time-outs."""
     ros_ns: int
-    """ROS time (system or simulated): what message stamps are compared with."""
+    """ROS time (system or simulated), which message stamps are compared with."""
 
 
 class Stamped(NamedTuple):
-    """When a message's content holds, on the monotonic clock."""
+    """Time of the content of a message, on the monotonic clock."""
 
     time_ns: int
-    """Monotonic time at which the content held."""
+    """Monotonic time at which the content was valid."""
     received_ns: int
-    """Monotonic time at which it arrived."""
+    """Monotonic time of arrival."""
     skew_ns: int
-    """0, or the age in ROS time that was not believable, so that ``time_ns`` is the arrival."""
+    """0, or the implausible age in ROS time; ``time_ns`` is then the time of arrival."""
 
 
-def place(stamp_ns: int, now: Instant, max_age_ns: int, max_ahead_ns: int = 0) -> Stamped:
-    """Places a header stamp on the monotonic clock.
+def to_monotonic(stamp_ns: int, now: Instant, max_age_ns: int, max_ahead_ns: int = 0) -> Stamped:
+    """Converts a header stamp to the monotonic clock.
 
-    A stamp of 0 means "now". A stamp older than ``max_age_ns`` or more than ``max_ahead_ns`` in the future is another
-    machine's clock: arrival counts instead, and the difference is handed back as ``skew_ns`` to be reported.
+    Args:
+        stamp_ns: Header stamp in ROS time; 0 means "now".
+        now: Time of arrival.
+        max_age_ns: Largest plausible age. An older stamp is from another clock, and the time of arrival is used.
+        max_ahead_ns: Largest plausible time in the future; likewise.
+
+    Returns:
+        The times; ``skew_ns`` is the age of a stamp that was not plausible.
     """
     if stamp_ns == 0:
         return Stamped(now.monotonic_ns, now.monotonic_ns, 0)

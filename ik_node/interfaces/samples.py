@@ -1,4 +1,4 @@
-"""What messages say, as plain data: the inputs of the controller, unchecked and in the frames they came in."""
+"""Inputs of the controller: decoded messages as plain data, unchecked and in their original frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ik_node.math.types import Array
 
 
 class JointSample(NamedTuple):
-    """A joint state."""
+    """Measured joint positions."""
 
     stamp_ns: int
     """Header stamp, ROS time; 0 means "now"."""
@@ -21,7 +21,7 @@ class PoseSample(NamedTuple):
     """A target pose."""
 
     stamp_ns: int
-    """Header stamp, ROS time at which the pose should hold; 0 means "now"."""
+    """Header stamp, ROS time for which the pose is the target; 0 means "now"."""
     frame_id: str
     position: Array
     """(3,), m, in ``frame_id``."""
@@ -30,10 +30,10 @@ class PoseSample(NamedTuple):
 
 
 class ObstacleSample(NamedTuple):
-    """What is said of one obstacle."""
+    """Addition, change or deletion of one obstacle."""
 
     stamp_ns: int
-    """Header stamp, ROS time at which the pose held; 0 means "now"."""
+    """Header stamp, ROS time at which the pose was valid; 0 means "now"."""
     frame_id: str
     name: str
     action: str
@@ -41,22 +41,22 @@ class ObstacleSample(NamedTuple):
     kind: str
     """A key of :data:`ik_node.collision.scene.SIZES`."""
     size: tuple[float, ...]
-    """Its measures, m."""
+    """Dimensions, m."""
     position: Array
     """(3,), m, of the centre in ``frame_id``."""
     quaternion: Array
     """(4,), x y z w."""
     lifetime_ns: int
-    """It vanishes this long after its arrival; 0 stays for ever."""
+    """The obstacle is removed this long after arrival; 0: never."""
 
 
 class PathSample(NamedTuple):
     """A path of N poses."""
 
     frame_ids: tuple[str, ...]
-    """One per pose; a pose that names none is in the path's own frame."""
+    """Frame of each pose; empty: the frame of the path."""
     stamps_ns: tuple[int, ...]
-    """ROS time at which each pose should hold; all alike where the path has no times."""
+    """ROS time for which each pose is the target; all equal when the path has no times."""
     positions: Array
     """(N, 3), m."""
     quaternions: Array
@@ -64,21 +64,21 @@ class PathSample(NamedTuple):
 
 
 class TrajectorySample(NamedTuple):
-    """N poses with times, and with twists if there are any."""
+    """N poses with times, and optionally with twists and accelerations."""
 
     stamp_ns: int
     """Header stamp, ROS time of the start; 0 means "now"."""
     frame_id: str
     times_ns: tuple[int, ...]
-    """From the start."""
+    """Times from the start, (N,)."""
     positions: Array
     """(N, 3), m."""
     quaternions: Array
     """(N, 4), x y z w."""
     twists: Array
-    """(N, 6) or (0, 6): velocity of the tool point and angular velocity, in the axes of ``frame_id``."""
+    """(N, 6) or (0, 6): velocity of the tool point and angular velocity, m/s and rad/s, in the axes of ``frame_id``."""
     accelerations: Array
-    """(N, 6) or (0, 6): their derivatives."""
+    """(N, 6) or (0, 6): derivatives of the twists."""
 
 
 class TwistSample(NamedTuple):
@@ -92,7 +92,7 @@ class TwistSample(NamedTuple):
 
 
 def frames_of(sample: object) -> tuple[str, ...]:
-    """The frames in which a target or an obstacle (a tuple of them) is written; none for joint states."""
+    """Frames in which a target, or a tuple of obstacles, is expressed; none for joint states."""
     if isinstance(sample, PathSample):
         return tuple(dict.fromkeys(sample.frame_ids))
     if isinstance(sample, (PoseSample, ObstacleSample, TrajectorySample, TwistSample)):

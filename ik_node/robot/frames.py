@@ -1,7 +1,7 @@
-"""Frames in which targets and obstacles come, seen from the base.
+"""Poses of the frames in which targets and obstacles are expressed.
 
-Those of the robot's model are known by themselves. Others (a camera, a table) are told from outside, as answers of tf:
-what was answered is an input like any other, so that a replay has it too.
+Frames of the robot model follow from the joint positions. Poses of other frames (a camera, a table) come from tf; they
+are inputs of the controller and recorded like the others, so a replay uses the same poses.
 """
 
 from __future__ import annotations
@@ -14,63 +14,84 @@ import numpy as np
 from ik_node.errors import InputError
 from ik_node.interfaces.samples import ObstacleSample, PoseSample
 from ik_node.math import se3
-from ik_node.math.se3 import vector
+from ik_node.math.numerics import checked_vector
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 
 
 class FramesSnapshot(NamedTuple):
-    """What :class:`Frames` remembers beside the last measurement."""
+    """Attributes of a :class:`Frames`, without the last measurement."""
 
-    answers: dict[str, Array]
+    transforms: dict[str, Array]
 
 
 class Frames:
-    """Every frame of the robot's model, those that the arm moves where the last measurement has them; and answers."""
+    """Frames of the robot model at the last measured positions, and external frames at their last pose from tf."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self.position: Array | None = None
         """Last measured joint positions, (n,); None before the first."""
-        self.answers: dict[str, Array] = {}
-        """Frame outside the model -> T_sf, (4, 4), as last answered."""
+        self.transforms: dict[str, Array] = {}
+        """External frame -> its last pose T_sf, (4, 4)."""
 
-    def answer(self, text: str) -> None:
-        """Takes where a frame outside the model is, as :func:`answer_text` writes it; InputError when it is no pose."""
+    def set_transform(self, text: str) -> None:
+        """Sets the pose of an external frame from the text of :func:`transform_text`; raises InputError for others."""
         frame, *numbers = text.split(" ")
         try:
-            values = vector([float(number) for number in numbers], 7, f"transform of '{frame}'")
+            values = checked_vector([float(number) for number in numbers], 7, f"transform of '{frame}'")
         except ValueError as error:
-            raise InputError(f"transform of '{frame}' is no seven numbers: {error}") from error
+            raise InputError(f"transform of '{frame}' does not have seven numbers: {error}") from error
         if frame not in self._robot.frames:
-            self.answers[frame] = se3.pose_from(values[:3], values[3:], f"transform of '{frame}'")
+            self.transforms[frame] = se3.pose_from(values[:3], values[3:], f"transform of '{frame}'")
 
-    def known(self, frame: str) -> str:
-        """``frame`` itself; InputError with the frames that there are when it is none of them."""
-        if frame not in self._robot.frames and frame not in self.answers:
-            valid = sorted({*self._robot.frames, *self.answers})
+    def checked(self, frame: str) -> str:
+        """Returns ``frame``; raises InputError listing the known frames."""
+        if frame not in self._robot.frames and frame not in self.transforms:
+            valid = sorted({*self._robot.frames, *self.transforms})
             raise InputError(f"unknown frame '{frame}'; valid: {', '.join(valid)}")
         return frame
 
     def pose(self, frame: str) -> Array:
-        """T_sf, (4, 4); InputError when the frame is unknown, or the arm's position is."""
-        if self.known(frame) in self.answers:
-            return self.answers[frame]
+        """Pose of a frame in the base frame.
+
+        Args:
+            frame: Name of a frame of the model or of an external frame.
+
+        Returns:
+            T_sf, (4, 4).
+
+        Raises:
+            InputError: The frame is unknown (lists the known frames), or no joint positions have been measured yet.
+        """
+        if self.checked(frame) in self.transforms:
+            return self.transforms[frame]
         if frame == self._robot.base_frame:
             return np.eye(4)
         if self.position is None:
-            raise InputError(f"frame '{frame}' cannot be placed before the first joint state")
+            raise InputError(f"frame '{frame}' has no pose before the first joint state")
         return self._robot.frame_pose(self.position, frame)
 
-    def place(self, sample: PoseSample | ObstacleSample, what: str) -> Array:
-        """The sample's pose as T_s, (4, 4); InputError naming ``what`` when it is no pose."""
+    def pose_of(self, sample: PoseSample | ObstacleSample, what: str) -> Array:
+        """Pose of a target or obstacle in the base frame.
+
+        Args:
+            sample: The target or obstacle.
+            what: Its name in error messages.
+
+        Returns:
+            The pose, (4, 4).
+
+        Raises:
+            InputError: Position or quaternion are not a pose, or the frame has no pose.
+        """
         pose = se3.pose_from(sample.position, sample.quaternion, what)
         frame = sample.frame_id
-        if frame == self._robot.base_frame and frame not in self.answers:  # as nearly always
+        if frame == self._robot.base_frame and frame not in self.transforms:  # the usual case
             return pose
         return np.asarray(self.pose(frame) @ pose)
 
 
-def answer_text(frame: str, position: Sequence[float], quaternion: Sequence[float]) -> str:
-    """A frame's place in the base frame as a text that gives the same bits back: name, x y z, m, and x y z w."""
+def transform_text(frame: str, position: Sequence[float], quaternion: Sequence[float]) -> str:
+    """Text of the pose of a frame in the base frame, without loss of bits: name, x y z in m, quaternion x y z w."""
     return " ".join((frame, *(repr(float(value)) for value in (*position, *quaternion))))

@@ -1,8 +1,8 @@
-"""Joint bounds at this tick: velocity, acceleration and position limits as one box on qd that never becomes empty.
+"""Joint bounds of one control step: velocity, acceleration and position limits as one box on qd that is never empty.
 
-A command stands until the next one, for a time T' that is not known beforehand but at most ``dt_max_s`` = T. So a
-velocity is allowed only if, held for T and lowered by a T in each hold after that (a: acceleration limit), the joint
-stops before its position limit. The held staircase of v stops after ::
+A command is held until the next one, for a time T' that is not known in advance but at most ``dt_max_s`` = T. A
+velocity is therefore admissible only if the joint stops before its position limit when the velocity is held for T and
+then decreased by a T in each further interval (a: acceleration limit). The stopping distance of this staircase is ::
 
     D(v) = T v + D(v - a T) ,  D(v) = 0 for v <= 0        (piecewise linear, convex)
 
@@ -10,21 +10,25 @@ and its inverse is, with delta = d / (a T^2) and p = floor((-1 + sqrt(1 + 8 delt
 
     vbar(d) = a T (delta / (p + 1) + p / 2)
 
-The box of one joint is the meeting of three intervals, q and v = the last command, held for ``elapsed_s`` ::
+The box of one joint is the intersection of three intervals, with v the last command, held for ``elapsed_s`` ::
 
     velocity      -vmax           .. vmax
     acceleration   v - a elapsed  .. v + a elapsed
     position      -vbar(q - lower) .. vbar(upper - q)
 
-It is not empty at any later tick whatever was chosen in it: slopes of D are T ceil(v / (a T)) >= v / a, so that
-D(v - a T') + T' v <= D(v) for every hold T' <= T. Outside a position limit its interval forces the joint back, at
-vbar of the excess and never faster than ``recovery_speed``. Where intervals do not meet (a start outside, noise, limits
-that were lowered) position gives way to acceleration and acceleration to velocity, each by the least amount.
+It is not empty in any later control step, whatever was chosen in it: the slopes of D are T ceil(v / (a T)) >= v / a,
+so D(v - a T') + T' v <= D(v) for every T' <= T. Outside a position limit the interval forces the joint back, at vbar of
+the excess and not faster than ``recovery_speed``. Where the intervals do not intersect (a start outside, noise, reduced
+limits), the position limit is relaxed before the acceleration limit, and that before the velocity limit, each by the
+least amount.
+
+:func:`urdf_limits` also decides what counts as no limit in a URDF: a velocity limit of 0, and position limits without
+a range.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,18 +36,34 @@ from numpy.typing import ArrayLike
 from ik_node.errors import SettingsError
 from ik_node.jit import compiled, elementwise
 from ik_node.math.types import Array
-from ik_node.robot.robot import Robot
+from ik_node.robot.kinematics import JointLimits
 from ik_node.settings.groups import LimitSettings
 
 ROUNDING = 1e-9
-"""Trespasses up to this, rad/s (m/s), are rounding."""
+"""Violations up to this, rad/s (m/s), are rounding errors."""
 
 UNBOUNDED = 1e6
-"""Distances to a position limit beyond this one, rad or m, count as this one."""
+"""Larger distances to a position limit, rad or m, are set to this value."""
+
+
+class LimitedArm(Protocol):
+    """Properties of a robot that :func:`motion_limits` needs."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+
+    @property
+    def limits(self) -> JointLimits:
+        """Limits of the URDF."""
 
 
 class MotionLimits(NamedTuple):
-    """What no joint exceeds, (n,) each, and the longest hold these limits are kept for."""
+    """Limits of the joints, (n,) each, and the longest time for which a command is held."""
 
     lower: Array
     """Position limits, rad (m); -inf where there is none."""
@@ -54,33 +74,59 @@ class MotionLimits(NamedTuple):
     acceleration: Array
     """rad/s2 (m/s2), > 0."""
     dt_max_s: float
-    """No command stands longer than this; longer is a fault of its own."""
+    """Longest time for which a command is held, s."""
     recovery_speed: float
-    """How fast a joint outside a position limit is brought back, rad/s (m/s)."""
+    """Largest speed at which a joint outside a position limit is moved back, rad/s (m/s)."""
 
 
 class JointBounds(NamedTuple):
-    """The box lo <= qd <= hi of one tick, (n,) each, rad/s (m/s), and the intervals it was made of."""
+    """The box lo <= qd <= hi of one control step, (n,) each, rad/s (m/s), and the intervals that it results from."""
 
     lo: Array
     hi: Array
     velocity: Array
     """Velocity limit."""
     reach_lo: Array
-    """The least velocity that the acceleration limit allows."""
+    """Smallest velocity within the acceleration limit."""
     reach_hi: Array
-    """The highest velocity that the acceleration limit allows."""
+    """Largest velocity within the acceleration limit."""
     position_lo: Array
-    """The least velocity that the lower position limit allows."""
+    """Smallest velocity that the lower position limit admits."""
     position_hi: Array
-    """The highest velocity that the upper position limit allows."""
+    """Largest velocity that the upper position limit admits."""
 
 
-def motion_limits(robot: Robot, settings: LimitSettings, rate_hz: float) -> MotionLimits:
-    """The limits of ``robot``'s joints: the settings' where given (one for all, or one per joint), else the URDF's.
+def urdf_limits(lower: Array, upper: Array, velocity: Array) -> JointLimits:
+    """Limits of a URDF, with infinite values where the URDF states no limit.
 
-    Raises SettingsError naming the parameter where a list fits neither the number of joints nor one, or where position
-    limits leave nothing between them.
+    Args:
+        lower: Lower position limits, (m,), rad (m).
+        upper: Upper position limits, (m,), rad (m). Limits with ``lower >= upper`` count as none.
+        velocity: Velocity limits, (m,), rad/s (m/s). A limit of 0 or less counts as none.
+
+    Returns:
+        The limits.
+    """
+    limited = lower < upper
+    return JointLimits(
+        np.where(limited, lower, -np.inf), np.where(limited, upper, np.inf), np.where(velocity > 0.0, velocity, np.inf)
+    )
+
+
+def motion_limits(robot: LimitedArm, settings: LimitSettings, rate_hz: float) -> MotionLimits:
+    """Limits of a robot: those of the settings where given, else those of the URDF.
+
+    Args:
+        robot: The robot.
+        settings: Limits, one for all joints or one per joint, and margins.
+        rate_hz: Nominal rate of the control steps.
+
+    Returns:
+        The limits.
+
+    Raises:
+        SettingsError: A list matches neither the number of joints nor has one value, or the position limits leave no
+            range; names the parameter.
     """
     lower = _per_joint(settings.position_lower, robot, "limits.position_lower", robot.limits.lower)
     upper = _per_joint(settings.position_upper, robot, "limits.position_upper", robot.limits.upper)
@@ -90,7 +136,7 @@ def motion_limits(robot: Robot, settings: LimitSettings, rate_hz: float) -> Moti
     for name, low, high in zip(robot.joints, lower.tolist(), upper.tolist(), strict=True):
         if not low < high:
             raise SettingsError(
-                f"no position left for joint '{name}' within its limits and limits.position_margin: {low:g}, {high:g}"
+                f"joint '{name}' has no range within its position limits and limits.position_margin: {low:g}, {high:g}"
             )
     return MotionLimits(
         lower,
@@ -102,7 +148,7 @@ def motion_limits(robot: Robot, settings: LimitSettings, rate_hz: float) -> Moti
     )
 
 
-def _per_joint(values: tuple[float, ...], robot: Robot, name: str, otherwise: Array | None) -> Array:
+def _per_joint(values: tuple[float, ...], robot: LimitedArm, name: str, otherwise: Array | None) -> Array:
     if not values and otherwise is not None:
         return otherwise
     if len(values) not in (1, robot.n):
@@ -114,7 +160,7 @@ def _per_joint(values: tuple[float, ...], robot: Robot, name: str, otherwise: Ar
 
 @compiled
 def viable_speed_at(distance: float, acceleration: float, hold_s: float, change_s: float) -> float:
-    """:func:`viable_speed` of one distance."""
+    """:func:`viable_speed` for one distance."""
     step = acceleration * change_s
     delta = min(max(distance, 0.0), UNBOUNDED) / (step * hold_s)
     steps = np.floor(0.5 * np.sqrt(1.0 + 8.0 * delta) - 0.5)
@@ -125,16 +171,31 @@ _viable_speeds = elementwise(viable_speed_at)
 
 
 def viable_speed(distance: ArrayLike, acceleration: ArrayLike, hold_s: float, change_s: float | None = None) -> Array:
-    """vbar(d): the highest speed from which a held staircase stops within ``distance``; 0 where that is negative.
+    """Computes vbar(d), the largest speed from which the staircase of commands stops within a distance.
 
-    ``hold_s``: how long each command stands. ``change_s``: the time that the change acceleration * change_s from one
-    command to the next refers to; the hold unless stated.
+    Args:
+        distance: d, rad (m); a negative distance gives 0.
+        acceleration: Limit a, rad/s2 (m/s2).
+        hold_s: Time T for which each command is held, s.
+        change_s: The speed decreases by acceleration * change_s from one command to the next; default: hold_s.
+
+    Returns:
+        vbar, rad/s (m/s), with the common shape of the arguments.
     """
     return np.asarray(_viable_speeds(distance, acceleration, hold_s, hold_s if change_s is None else change_s))
 
 
 def stopping_distance(speed: Array, acceleration: ArrayLike, hold_s: float) -> Array:
-    """D(v): how far a joint still goes at ``speed`` >= 0 held for ``hold_s`` and lowered in each hold after it."""
+    """Computes D(v), the stopping distance of the staircase of commands.
+
+    Args:
+        speed: v >= 0, rad/s (m/s).
+        acceleration: Limit a, rad/s2 (m/s2).
+        hold_s: Time T for which each command is held, s.
+
+    Returns:
+        D, rad (m).
+    """
     step = np.asarray(acceleration) * hold_s
     holds = np.ceil(speed / step)
     return np.asarray(hold_s * (holds * speed - step * holds * (holds - 1.0) / 2.0))
@@ -142,19 +203,25 @@ def stopping_distance(speed: Array, acceleration: ArrayLike, hold_s: float) -> A
 
 @compiled
 def largest_change(acceleration: Array, elapsed_s: float, dt_max_s: float) -> Array:
-    """(n,): by how much velocities can have changed after a command has stood for ``elapsed_s``, rad/s (m/s).
+    """Largest change of the joint velocities after the last command was held for ``elapsed_s``, (n,), rad/s (m/s).
 
-    Negative counts as 0 and more than ``dt_max_s`` as that.
+    ``elapsed_s`` is limited to 0..``dt_max_s``.
     """
     return acceleration * min(max(elapsed_s, 0.0), dt_max_s)
 
 
 @compiled
 def joint_bounds(limits: MotionLimits, q: Array, qd_previous: Array, elapsed_s: float) -> JointBounds:
-    """The box of this tick; see the module.
+    """Computes the box of one control step; see the module docstring.
 
-    ``q`` (n,) measured positions. ``qd_previous`` (n,) the command that stands now. ``elapsed_s``: for how long it has
-    stood; negative counts as 0 and more than dt_max as dt_max.
+    Args:
+        limits: Limits of the joints.
+        q: Measured positions, (n,), rad (m).
+        qd_previous: Last command, (n,), rad/s (m/s).
+        elapsed_s: Time since the last command, s; limited to 0..dt_max_s.
+
+    Returns:
+        The box and its intervals.
     """
     held_s, n = min(max(elapsed_s, 0.0), limits.dt_max_s), len(q)
     lo, hi, reach_lo, reach_hi = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -164,7 +231,7 @@ def joint_bounds(limits: MotionLimits, q: Array, qd_previous: Array, elapsed_s: 
         reach_lo[i], reach_hi[i] = qd_previous[i] - change, qd_previous[i] + change
         position_lo[i] = -_speed_towards(q[i] - limits.lower[i], limits, i)
         position_hi[i] = _speed_towards(limits.upper[i] - q[i], limits, i)
-        # Position gives way to acceleration, acceleration to velocity.
+        # The position limit is relaxed before the acceleration limit, and that before the velocity limit.
         lowest = min(max(position_lo[i], reach_lo[i]), reach_hi[i])
         highest = max(min(position_hi[i], reach_hi[i]), reach_lo[i])
         hi[i] = min(max(highest, -fastest), fastest)
@@ -174,13 +241,13 @@ def joint_bounds(limits: MotionLimits, q: Array, qd_previous: Array, elapsed_s: 
 
 @compiled
 def _speed_towards(distance: float, limits: MotionLimits, joint: int) -> float:
-    """The highest speed towards a position limit at this distance, rad/s (m/s); negative: back from beyond it."""
+    """Largest speed towards a position limit at this distance, rad/s (m/s); negative beyond the limit."""
     speed = viable_speed_at(abs(distance), limits.acceleration[joint], limits.dt_max_s, limits.dt_max_s)
     return speed if distance >= 0.0 else -min(speed, limits.recovery_speed)
 
 
 def cause(bounds: JointBounds, joint: int, upper: bool) -> str:
-    """Which limit made a side of the box: ``velocity``, ``acceleration`` or ``position``."""
+    """The limit that determines a side of the box: ``velocity``, ``acceleration`` or ``position``."""
     value = (bounds.hi if upper else bounds.lo)[joint]
     if abs(value) == bounds.velocity[joint]:
         return "velocity"
@@ -190,8 +257,8 @@ def cause(bounds: JointBounds, joint: int, upper: bool) -> str:
 
 
 @compiled
-def nothing_conceded(bounds: JointBounds) -> bool:
-    """True where :func:`conceded` has nothing to say."""
+def nothing_relaxed(bounds: JointBounds) -> bool:
+    """True when :func:`relaxed` is empty."""
     for i in range(len(bounds.lo)):
         lo, hi = bounds.lo[i], bounds.hi[i]
         if bounds.position_hi[i] < hi - ROUNDING or bounds.position_lo[i] > lo + ROUNDING:
@@ -201,9 +268,9 @@ def nothing_conceded(bounds: JointBounds) -> bool:
     return True
 
 
-def conceded(bounds: JointBounds, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Limits that had to give way to a stronger one, by name: ``position panda_joint4``; the usual answer is ()."""
-    if nothing_conceded(bounds):
+def relaxed(bounds: JointBounds, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the limits that were relaxed in favour of another one, e.g. ``position panda_joint4``; usually ()."""
+    if nothing_relaxed(bounds):
         return ()
     position = (bounds.position_hi < bounds.hi - ROUNDING) | (bounds.position_lo > bounds.lo + ROUNDING)
     acceleration = (bounds.reach_hi < bounds.lo - ROUNDING) | (bounds.reach_lo > bounds.hi + ROUNDING)

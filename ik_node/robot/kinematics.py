@@ -9,16 +9,16 @@ from ik_node.math.types import Array
 
 
 class Kinematics(NamedTuple):
-    """What holds at one q."""
+    """Kinematics of the tool at one q."""
 
     pose_sb: Array
-    """T_sb, (4, 4): tool seen from the base frame."""
+    """T_sb, (4, 4): pose of the tool in the base frame."""
     jacobian_b: Array
     """Body Jacobian J_b, (6, n), linear rows first: body twist of the tool = J_b qd."""
 
 
 class Dynamics(NamedTuple):
-    """What depends on masses at one q."""
+    """Dynamics at one q."""
 
     mass_matrix: Array
     """M(q), (n, n), symmetric positive definite."""
@@ -28,8 +28,10 @@ class Dynamics(NamedTuple):
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits per controlled joint, as the URDF states them for it and for those that mimic it; infinite where it
-    states none."""
+    """Limits of the controlled joints in the URDF, including those of their mimic joints; infinite for no limit.
+
+    Position limits in rad (m), velocity limits in rad/s (m/s), (n,) each.
+    """
 
     lower: Array
     upper: Array

@@ -1,4 +1,4 @@
-"""From a URDF to the Pinocchio model of the joints that move: what is controlled, what is held, and where."""
+"""Pinocchio model of a URDF, reduced to the controlled joints and their mimic joints."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ik_node.robot.mimic import Mimic
 
 
 def read(urdf: str) -> Any:
-    """The whole model of a URDF's text; RobotError when it is none."""
+    """Complete model of a URDF text; raises RobotError when it is invalid."""
     try:
         return pin.buildModelFromXML(urdf)
     except (ValueError, RuntimeError) as error:
-        raise RobotError(f"robot_description is not a URDF that can be read: {error}") from error
+        raise RobotError(f"robot_description is not a valid URDF: {error}") from error
 
 
 def held_at(full: Any, mimics: dict[str, Mimic]) -> Array:
-    """The neutral configuration, mimic joints where it puts them: at their offset."""
+    """Neutral configuration, with mimic joints at their offset."""
     configuration: Array = pin.neutral(full)
     for name, mimic in mimics.items():
         if full.existJointName(name):
@@ -37,8 +37,8 @@ def held_at(full: Any, mimics: dict[str, Mimic]) -> Array:
 def reduced(full: Any, held: list[int], configuration: Array) -> Any:
     """``full`` with the joints ``held`` fixed at ``configuration``.
 
-    Pinocchio finds frames by name alone here and gives up where a joint and a link share one (so100, anymal): their
-    joints bear another name meanwhile.
+    buildReducedModel finds frames by name only and fails when a joint and a link have the same name (so100, anymal);
+    therefore such joints are renamed temporarily.
     """
     count = Counter(frame.name for frame in full.frames)
     _rename_joints(full, {name: f"{name} (joint)" for name in count if count[name] > 1})
@@ -61,7 +61,7 @@ def root_frame(model: Any) -> str:
 
 
 def frame_id(model: Any, name: str) -> int:
-    """Number of a frame, links before fixed joints; UnknownNameError with the frames that there are."""
+    """Index of a frame, links before fixed joints; raises UnknownNameError listing the frames."""
     kinds = (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT, pin.FrameType.OP_FRAME)
     for kind in kinds:
         if model.existFrame(name, kind):
@@ -70,15 +70,15 @@ def frame_id(model: Any, name: str) -> int:
 
 
 def longest_chain_tip(model: Any) -> str:
-    """The last body of the first longest chain of movable joints."""
+    """Name of the last body of the first longest chain of movable joints."""
     depth = max(len(model.supports[frame.parentJoint]) for frame in model.frames)
     deepest = [frame for frame in model.frames if len(model.supports[frame.parentJoint]) == depth]
     bodies: list[Any] = [f for f in deepest if f.type == pin.FrameType.BODY and f.parentJoint == deepest[0].parentJoint]
     return str(bodies[-1].name)
 
 
-def select(model: Any, base: str, tip: str, wanted: tuple[str, ...], mimics: dict[str, Mimic]) -> tuple[str, ...]:
-    """The controlled joints by model name; RobotError or UnknownNameError naming what cannot be controlled."""
+def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: dict[str, Mimic]) -> tuple[str, ...]:
+    """Names of the controlled joints; raises RobotError or UnknownNameError naming what cannot be controlled."""
     base_joint = model.frames[frame_id(model, base)].parentJoint
     tip_joint = model.frames[frame_id(model, tip)].parentJoint
     base_chain, tip_chain = list(model.supports[base_joint]), list(model.supports[tip_joint])
@@ -88,16 +88,16 @@ def select(model: Any, base: str, tip: str, wanted: tuple[str, ...], mimics: dic
         moving = ", ".join(below_base)
         raise RobotError(f"base frame '{base}' is not between the root and tip frame '{tip}': joints {moving} move it")
     movable = {model.names[index]: index for index in range(1, model.njoints)}
-    for name in wanted:
+    for name in requested:
         if name not in movable:
             raise UnknownNameError("joint", name, movable)
         if name in mimics:
             master = mimics[name].master
             raise RobotError(f"joint '{name}' mimics '{master}' and cannot be controlled by itself; control '{master}'")
-    if len(set(wanted)) != len(wanted):
-        raise RobotError(f"joints holds a name twice: {', '.join(wanted)}")
-    that_move = _moving(model, [model.names[index] for index in chain], mimics)
-    selected = wanted or that_move
+    if len(set(requested)) != len(requested):
+        raise RobotError(f"joints contains a name twice: {', '.join(requested)}")
+    movers = _moving(model, [model.names[index] for index in chain], mimics)
+    selected = requested or movers
     if not selected:
         raise RobotError(f"no movable joint between base frame '{base}' and tip frame '{tip}'")
     for name in selected:
@@ -106,14 +106,14 @@ def select(model: Any, base: str, tip: str, wanted: tuple[str, ...], mimics: dic
             raise RobotError(
                 f"joint '{name}' has {joint.nv} degrees of freedom; only joints with one can be controlled"
             )
-        if name not in that_move:
-            moving = ", ".join(that_move)
-            raise RobotError(f"joint '{name}' does not move tip frame '{tip}'; those that do: {moving}")
+        if name not in movers:
+            moving = ", ".join(movers)
+            raise RobotError(f"joint '{name}' does not move tip frame '{tip}'; valid: {moving}")
     return selected
 
 
 def _moving(model: Any, chain: list[str], mimics: dict[str, Mimic]) -> tuple[str, ...]:
-    """``chain`` with masters in the place of those that mimic them, less those that the URDF fixes."""
+    """``chain`` with mimic joints replaced by their masters, without joints that the URDF fixes."""
     masters: dict[str, None] = {}
     for name in chain:
         master = mimics[name].master if name in mimics else name

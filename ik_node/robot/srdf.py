@@ -1,4 +1,4 @@
-"""SRDF: which pairs of links need no watching, as its author knows."""
+"""SRDF: pairs of links that its author has excluded from collision checking."""
 
 from __future__ import annotations
 
@@ -13,33 +13,41 @@ from ik_node.robot.catalogue import find, robots_folder
 from ik_node.settings.groups import ArmSettings, Settings
 
 SHIPPED = "shipped"
-"""Stands for the SRDF that example-robot-data has for the robot."""
+"""Value that selects the SRDF of the robot in example-robot-data."""
 
 Pair = frozenset[str]
 
 
 def with_srdf_text(settings: Settings) -> Settings:
-    """``settings`` with the SRDF itself in place of its file's name, so that a recording holds what counted.
+    """Settings with the text of the SRDF instead of its path, so a recording contains it.
 
     Raises SettingsError as :func:`read_srdf` does.
     """
-    wanted = settings.obstacles.srdf
-    text = read_srdf(wanted, settings.arm)
-    if text == wanted:
+    source = settings.obstacles.srdf
+    text = read_srdf(source, settings.arm)
+    if text == source:
         return settings
     return dataclasses.replace(settings, obstacles=dataclasses.replace(settings.obstacles, srdf=text))
 
 
-def read_srdf(wanted: str, arm: ArmSettings) -> str:
-    """The text of an SRDF: ``wanted`` itself, of the file it names, or for ``shipped`` of example-robot-data's.
+def read_srdf(source: str, arm: ArmSettings) -> str:
+    """Reads an SRDF.
 
-    Raises SettingsError where there is none, or it is no SRDF.
+    Args:
+        source: Text of an SRDF, path of a file, ``shipped`` for that of example-robot-data, or empty.
+        arm: Settings with the name of the robot, for ``shipped``.
+
+    Returns:
+        The text; empty for an empty ``source``.
+
+    Raises:
+        SettingsError: The file cannot be read or is not XML, or example-robot-data has no SRDF of the robot.
     """
-    if not wanted:
+    if not source:
         return ""
-    text = wanted
-    if not wanted.lstrip().startswith("<"):
-        path = shipped(arm) if wanted == SHIPPED else Path(wanted)
+    text = source
+    if not source.lstrip().startswith("<"):
+        path = shipped(arm) if source == SHIPPED else Path(source)
         try:
             text = path.read_text()
         except (OSError, UnicodeDecodeError) as error:
@@ -55,32 +63,32 @@ def read_srdf(wanted: str, arm: ArmSettings) -> str:
 
 
 def shipped(arm: ArmSettings) -> Path:
-    """Where example-robot-data has the SRDF of the robot that ``arm`` names; SettingsError where it has none."""
+    """Path of the SRDF of a robot in example-robot-data; raises SettingsError when it has none."""
     if not arm.robot or arm.robot_description:
         raise SettingsError(f"obstacles.srdf is '{SHIPPED}', which needs a robot by name: set `robot`")
     try:
-        known, root = find(arm.robot), robots_folder()
+        entry, root = find(arm.robot), robots_folder()
     except RobotError as error:
         raise SettingsError(f"obstacles.srdf is '{SHIPPED}': {error}") from error
-    package = root / Path(known.urdf).parts[0]
-    path = package / (known.srdf or f"srdf/{Path(known.urdf).stem}.srdf")
+    package = root / Path(entry.urdf).parts[0]
+    path = package / (entry.srdf or f"srdf/{Path(entry.urdf).stem}.srdf")
     if path.is_file():
         return path
-    there = ", ".join(str(entry.relative_to(root)) for entry in sorted(package.rglob("*.srdf")))
+    existing = ", ".join(str(entry.relative_to(root)) for entry in sorted(package.rglob("*.srdf")))
     raise SettingsError(
-        f"example-robot-data has no SRDF for '{arm.robot}'; in its folder: {there or 'none'} (give a path to use one)"
+        f"example-robot-data has no SRDF for '{arm.robot}'; in its folder: {existing or 'none'} (specify a path)"
     )
 
 
 def disabled_pairs(text: str, links: Iterable[str]) -> set[Pair]:
-    """Pairs of ``links`` that an SRDF disables: ``disable_collisions``, and ``disable_default_collisions`` less
-    ``enable_collisions``. SettingsError when it is not XML."""
+    """Pairs of ``links`` that an SRDF disables: ``disable_collisions``, and ``disable_default_collisions`` without
+    ``enable_collisions``. Raises SettingsError when it is not XML."""
     try:
         root = _parse(text)
     except ElementTree.ParseError as error:
         raise SettingsError(f"the SRDF is not XML: {error}") from error
-    quiet = {entry.get("link", "") for entry in root.iter("disable_default_collisions")}
-    by_default = {frozenset(pair) for pair in combinations(sorted(set(links)), 2) if quiet & set(pair)}
+    disabled = {entry.get("link", "") for entry in root.iter("disable_default_collisions")}
+    by_default = {frozenset(pair) for pair in combinations(sorted(set(links)), 2) if disabled & set(pair)}
     return (by_default - _listed(root, "enable_collisions")) | _listed(root, "disable_collisions")
 
 
@@ -89,5 +97,5 @@ def _listed(root: ElementTree.Element, kind: str) -> set[Pair]:
 
 
 def _parse(text: str) -> ElementTree.Element:
-    # The parser refuses text with an encoding declaration that is not its own; bytes it takes.
+    # Parsed as bytes, because the parser rejects text with an encoding declaration.
     return ElementTree.fromstring(text.strip().encode())

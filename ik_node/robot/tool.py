@@ -1,4 +1,4 @@
-"""A tool that the robot's description does not know: one more link, fixed to the tip."""
+"""Adds a tool that is not part of the URDF, as a link fixed to the tip."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ik_node.math.types import Array
 
 
 class DescriptionWithTool(NamedTuple):
-    """A description with one link more."""
+    """A URDF with an added tool link."""
 
     urdf: str
     tip_frame: str
@@ -21,11 +21,21 @@ class DescriptionWithTool(NamedTuple):
 
 
 def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> DescriptionWithTool:
-    """``urdf`` with a link ``<tip_frame>_tool`` at ``offset`` = (x, y, z, qx, qy, qz, qw) [m] from link ``tip_frame``.
+    """Adds a link ``<tip_frame>_tool`` without mass and shape to a URDF.
 
-    Everything that is made of a description (recordings, replays, pictures) then knows the tool too. It has no mass and
-    no shape. Raises RobotError when ``tip_frame`` is no link, the new name is taken, or ``offset`` does not have seven
-    numbers; InputError when they are no pose.
+    The tool is then part of recordings, replays and displays, which contain the URDF.
+
+    Args:
+        urdf: Text of the URDF.
+        tip_frame: Link to which the tool is fixed.
+        offset: Pose of the tool in ``tip_frame``: x, y, z [m], qx, qy, qz, qw.
+
+    Returns:
+        The URDF, and the name of the new link.
+
+    Raises:
+        RobotError: ``tip_frame`` is not a link, the name exists already, or ``offset`` does not have seven numbers.
+        InputError: ``offset`` is not a pose.
     """
     if len(offset) != 7:
         raise RobotError(f"tool_offset has {len(offset)} numbers; expected 7: x y z qx qy qz qw")
@@ -33,12 +43,12 @@ def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> Descripti
     try:
         links = {str(link.get("name")) for link in ElementTree.fromstring(urdf).iter("link")}
     except ElementTree.ParseError as error:
-        raise RobotError(f"robot_description is no XML: {error}") from error
+        raise RobotError(f"robot_description is not XML: {error}") from error
     name = f"{tip_frame}_tool"
     if tip_frame not in links:
         raise RobotError(f"tool_offset needs a link as tip_frame, not '{tip_frame}'; links: {', '.join(sorted(links))}")
     if name in links:
-        raise RobotError(f"tool_offset would add a link '{name}', and there is one already")
+        raise RobotError(f"tool_offset adds a link '{name}', which exists already")
     xyz, rpy = (" ".join(repr(value) for value in values) for values in (pose[:3, 3].tolist(), _roll_pitch_yaw(pose)))
     addition = (
         f"<link name={quoteattr(name)}/>"
@@ -50,7 +60,7 @@ def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> Descripti
 
 
 def _roll_pitch_yaw(pose: Array) -> tuple[float, float, float]:
-    """Angles with R = R_z(yaw) R_y(pitch) R_x(roll), as URDF has it; at pitch +-90 degrees yaw is 0."""
+    """Angles with R = R_z(yaw) R_y(pitch) R_x(roll), as in URDF; at pitch +-90 degrees yaw is 0."""
     (r00, r01, _), (r10, r11, _), (r20, r21, r22) = pose[:3, :3].tolist()
     across = sqrt(r00 * r00 + r10 * r10)
     if across > 1e-9:

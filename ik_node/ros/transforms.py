@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.time import Time
 
-from ik_node.robot.frames import answer_text
+from ik_node.robot.frames import transform_text
 
 
 class Transforms:
@@ -28,7 +28,7 @@ class Transforms:
     def lookup(self, base: str, frames: Iterable[str]) -> Iterator[str]:
         """Yield the newest pose of each of ``frames`` in ``base`` that has changed since the last call.
 
-        A pose is a text made by :func:`ik_node.robot.frames.answer_text`.
+        A pose is a text made by :func:`ik_node.robot.frames.transform_text`.
         """
         if self._buffer is None:
             return
@@ -39,7 +39,7 @@ class Transforms:
                 continue  # the controller refuses the frame and lists the known ones
             position, rotation = transform.translation, transform.rotation
             quaternion = (rotation.x, rotation.y, rotation.z, rotation.w)
-            text = answer_text(frame, (position.x, position.y, position.z), quaternion)
+            text = transform_text(frame, (position.x, position.y, position.z), quaternion)
             if self._last.get(frame) != text:
                 self._last[frame] = text
                 yield text

@@ -294,7 +294,7 @@ def test_nobody_listening_is_said_and_nothing_is_commanded(panda: Robot) -> None
     loop.controller.on_listeners(0, loop.now)
     loop.run(1.0)
     assert loop.mode() is Mode.STOPPED
-    assert loop.controller.status.reason == "nobody listens to the commands"
+    assert loop.controller.status.reason == "no subscriber on the command topic"
     assert not loop.steps[-1].joint_velocity.any()
     loop.controller.on_listeners(1, loop.now)
     loop.run(0.1)
@@ -373,7 +373,7 @@ def test_the_velocity_limit_slows_the_tool_and_does_not_bend_its_path(panda: Rob
         assert step.binding[0].startswith("velocity panda_joint")
         jacobian = panda.evaluate(step.joint_position).jacobian_b
         twist = jacobian @ step.joint_velocity
-        wanted = step.twist_b - step.lost_b
+        wanted = step.twist_b - step.truncated_b
         cosine = twist @ wanted / np.linalg.norm(twist) / np.linalg.norm(wanted)
         assert cosine > 1 - 1e-4, "up to the half step that the Jacobian is ahead"
 
@@ -460,7 +460,7 @@ def test_limits_that_do_not_fit_the_robot_are_refused(panda: Robot) -> None:
 
 
 def test_a_prefix_stands_before_the_names_of_the_joints() -> None:
-    robot = catalogue.robot_from(ArmSettings(robot="ur5", joint_prefix="left_"))
+    robot = catalogue.robot_from_settings(ArmSettings(robot="ur5", joint_prefix="left_"))
     assert robot.joints[0] == "left_shoulder_pan_joint"
     loop = loop_of(robot)
     loop.run(0.1)
@@ -560,7 +560,7 @@ def test_integral_action_takes_out_what_a_biased_arm_leaves(panda: Robot) -> Non
     """An arm that drifts by itself: proportional feedback leaves an error, integral action none."""
     left = []
     for gain in (0.0, 10.0):
-        loop = loop_of(panda, gain_integral_linear=gain, gain_integral_angular=gain, follow__enabled=False)
+        loop = loop_of(panda, integral_gain=(gain, gain), follow__enabled=False)
         drift = 0.02 * np.array([1.0, -1.0, 0.5, 0.3, 0.0, 0.2, 0.0])
         loop.target(loop.pose())
         for _ in range(2500):

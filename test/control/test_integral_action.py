@@ -9,20 +9,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
+from ik_node.control.integral_action import MAX_INTEGRAL_TWIST, IntegralAction, IntegralSnapshot
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.math.types import Array
 from ik_node.settings.groups import ControlSettings
 
 STEP_S = 0.002
-CONTROL = ControlSettings(gain_integral_linear=20.0, gain_integral_angular=20.0)
+CONTROL = ControlSettings(integral_gain=(20.0, 20.0))
 DISTURBANCE = np.array([0.004, -0.002, 0.001, 0.01, 0.02, -0.01])
 
 
 def run(control: ControlSettings, duration_s: float, frozen: bool = False, start: Array | None = None) -> Array:
     """The error over time, (ticks, 6)."""
     action, error, found = IntegralAction(), np.zeros(6) if start is None else start, []
-    gains = np.repeat((control.gain_linear, control.gain_angular), 3)
+    gains = np.repeat(control.gain, 3)
     for _ in range(round(duration_s / STEP_S)):
         feedback = gains * error + action.twist(error, STEP_S, frozen, control)
         error = error + STEP_S * (DISTURBANCE - feedback)
@@ -38,7 +38,7 @@ def test_a_steady_disturbance_leaves_nothing_over() -> None:
 
 def test_up_to_a_quarter_of_the_squared_gain_it_does_not_oscillate() -> None:
     """Beside the target at the start, the integral gives back what it took meanwhile: exp(-2) of the start, once."""
-    control = ControlSettings(gain_integral_linear=25.0, gain_integral_angular=25.0)
+    control = ControlSettings(integral_gain=(25.0, 25.0))
     start = np.array([0.01, 0.0, 0.0, 0.0, 0.02, 0.0])
     response = (run(control, 4.0, start=start) - run(control, 4.0))[:, 0] / start[0]
     assert response.min() == pytest.approx(-np.exp(-2.0), abs=0.01)
@@ -72,8 +72,8 @@ def test_what_it_asks_for_is_capped() -> None:
     action = IntegralAction()
     for _ in range(10_000):
         twist = action.twist(np.array([0.03, 0.04, 0.0, 0.0, 0.0, -0.1]), STEP_S, False, CONTROL)
-    assert np.abs(twist[:3] - CONTROL.max_integral_linear * np.array([0.6, 0.8, 0.0])).max() < 1e-12
-    assert twist[5] == pytest.approx(-CONTROL.max_integral_angular)
+    assert np.abs(twist[:3] - MAX_INTEGRAL_TWIST[0] * np.array([0.6, 0.8, 0.0])).max() < 1e-12
+    assert twist[5] == pytest.approx(-MAX_INTEGRAL_TWIST[1])
     action.reset()
     assert not action.value.any()
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from loop import READY, Loop, make_robot
 
-from ik_node.control.smith_predictor import LateArm, SmithPredictorSnapshot
+from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Mode
 from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.robot.robot import JointLimits
+from ik_node.robot.kinematics import JointLimits
 from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.settings.groups import ControlSettings, Settings
 
@@ -28,7 +28,7 @@ def test_the_lead_is_the_way_that_the_arm_still_goes_when_told_to_stop(lag_s: fl
     """Random commands at uneven times, then zero: where the simulated arm comes to rest, to rounding."""
     rng = np.random.default_rng(1)
     arm = SimulatedArm(np.zeros(3), WIDE, 0, ArmModel(lag_s=lag_s, delay_s=delay_s))
-    late = LateArm(3, ControlSettings(arm_lag_s=lag_s, arm_delay_s=delay_s))
+    late = SmithPredictor(3, ControlSettings(arm_lag_s=lag_s, arm_delay_s=delay_s))
     time_ns = 0
     for _ in range(200):
         time_ns += int(rng.integers(1, 8_000_000))
@@ -36,22 +36,22 @@ def test_the_lead_is_the_way_that_the_arm_still_goes_when_told_to_stop(lag_s: fl
         arm.command(command, time_ns)
         late.command(command, time_ns)
     time_ns += 3_000_000
-    lead, here = late.lead(time_ns).copy(), arm.advance(time_ns)[0]
+    lead, here = late.predicted_offset(time_ns).copy(), arm.advance(time_ns)[0]
     arm.command(np.zeros(3), time_ns)
     rest = arm.advance(time_ns + 10 * NS)[0]
     assert rest - here == pytest.approx(lead, abs=1e-9)
     assert bool(lead.any()) == (lag_s + delay_s > 0.0)
     late.command(np.zeros(3), time_ns)
-    assert np.abs(late.lead(time_ns + 10 * NS)).max() < 1e-9, "at rest nothing is ahead"
+    assert np.abs(late.predicted_offset(time_ns + 10 * NS)).max() < 1e-9, "at rest nothing is ahead"
 
 
 def test_the_model_goes_on_from_its_memory() -> None:
-    rng, late = np.random.default_rng(2), LateArm(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
+    rng, late = np.random.default_rng(2), SmithPredictor(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
     for tick in range(50):
         late.command(rng.normal(size=3), tick * 2_000_000)
-    other = LateArm(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
+    other = SmithPredictor(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
     restore(other, capture(late, SmithPredictorSnapshot))
-    assert (other.lead(200_000_000) == late.lead(200_000_000)).all()
+    assert (other.predicted_offset(200_000_000) == late.predicted_offset(200_000_000)).all()
 
 
 def circle(home: Array, time_s: float) -> Array:
@@ -111,4 +111,4 @@ def test_one_that_does_not_follow_to_and_fro_is_noticed(part: float) -> None:
     loop.follow(to_and_fro, 1.0, 60.0)
     said = [step.status.reason for step in loop.steps if step.status.mode is Mode.STOPPED]
     assert said
-    assert ("does not move" if part == 0.0 else "moves less than it is told") in said[-1]
+    assert ("does not move" if part == 0.0 else "moves less than commanded") in said[-1]

@@ -1,4 +1,4 @@
-"""Frames outside the robot's model: told by tf's answers, used by every input, part of the controller's memory.
+"""Frames outside the robot model: poses from tf, used by every input, part of the controller's snapshot.
 
 tf2_ros is not on PyPI: a stand-in with its three names plays tf here, over the node's own adapter. What follows from an
 answer is the real controller's.
@@ -21,15 +21,15 @@ from ik_node.interfaces.step import Mode
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.json_codec import from_json, to_json
-from ik_node.robot.frames import answer_text
+from ik_node.robot.frames import transform_text
 from ik_node.ros.transforms import Transforms
 
 CAMERA = se3.exp(np.array([0.8, -0.2, 0.5, 0.3, -0.9, 1.7]))
 NONE = np.zeros((0, 6))
 
 
-def answer(pose: Array) -> str:
-    return answer_text("camera", pose[:3, 3].tolist(), se3.quaternion_from_rotation(pose[:3, :3]).tolist())
+def transform(pose: Array) -> str:
+    return transform_text("camera", pose[:3, 3].tolist(), se3.quaternion_from_rotation(pose[:3, :3]).tolist())
 
 
 def seen(pose: Array) -> PoseSample:
@@ -50,7 +50,7 @@ def test_a_target_in_a_frame_that_tf_knows_is_followed_where_that_frame_is() -> 
     goal[:3, 3] += (0.02, -0.03, 0.01)
     with pytest.raises(TargetRefused, match=r"unknown frame 'camera'; valid: .*panda_hand"):
         loop.controller.on_target_pose(seen(goal), loop.now)
-    loop.controller.on_transform(answer(CAMERA), loop.now)
+    loop.controller.on_transform(transform(CAMERA), loop.now)
     for _ in range(50):
         loop.controller.on_target_pose(seen(goal)._replace(stamp_ns=loop.now.ros_ns), loop.now)
         loop.run(0.02)
@@ -61,7 +61,7 @@ def test_a_target_in_a_frame_that_tf_knows_is_followed_where_that_frame_is() -> 
 def test_jogging_in_the_axes_of_a_frame_that_tf_knows() -> None:
     loop = holding()
     begin = loop.pose()
-    loop.controller.on_transform(answer(CAMERA), loop.now)
+    loop.controller.on_transform(transform(CAMERA), loop.now)
     for _ in range(30):
         loop.controller.on_target_twist(TwistSample(0, "camera", np.array([0.0, 0.0, 0.05, 0.0, 0.0, 0.0])), loop.now)
         loop.run(0.02)
@@ -70,14 +70,14 @@ def test_jogging_in_the_axes_of_a_frame_that_tf_knows() -> None:
     assert way / np.linalg.norm(way) == pytest.approx(CAMERA[:3, 2], abs=1e-3)
 
 
-def test_answers_are_a_part_of_the_memory_and_the_same_bits_come_back() -> None:
+def test_transforms_are_part_of_the_snapshot() -> None:
     """A recording that starts in the middle has them, through JSON."""
     loop = holding()
-    loop.controller.on_transform(answer(CAMERA), loop.now)
+    loop.controller.on_transform(transform(CAMERA), loop.now)
     state = from_json(to_json(loop.controller.capture()), ControllerSnapshot)
     other = Controller(loop.robot, loop.settings)
     other.restore(state)
-    assert (other.capture().frames.answers["camera"] == loop.controller.capture().frames.answers["camera"]).all()
+    assert (other.capture().frames.transforms["camera"] == loop.controller.capture().frames.transforms["camera"]).all()
     other.on_target_pose(seen(loop.pose()), loop.now)
     assert other.status.mode in (Mode.HOLDING, Mode.TRACKING)
 
@@ -85,7 +85,7 @@ def test_answers_are_a_part_of_the_memory_and_the_same_bits_come_back() -> None:
 @pytest.mark.parametrize(
     "text", ["camera 0 0 0 0 0 0 0", "camera 0 0 0 nan 0 0 1", "camera 0 0", "camera 0 0 x 0 0 0 1", "camera"]
 )
-def test_an_answer_that_is_no_pose_is_refused(text: str) -> None:
+def test_a_transform_that_is_not_a_pose_is_refused(text: str) -> None:
     loop = holding()
     with pytest.raises(TargetRefused):
         loop.controller.on_transform(text, loop.now)
@@ -93,11 +93,11 @@ def test_an_answer_that_is_no_pose_is_refused(text: str) -> None:
         loop.controller.on_target_pose(seen(loop.pose()), loop.now)
 
 
-def test_a_frame_of_the_model_cannot_be_moved_by_an_answer() -> None:
+def test_a_frame_of_the_model_cannot_be_moved_by_a_transform() -> None:
     """tf may know the robot's own frames, later than the last joint state: the model's count."""
     loop = holding()
-    loop.controller.on_transform(answer(CAMERA).replace("camera", "panda_link3"), loop.now)
-    assert "panda_link3" not in loop.controller.capture().frames.answers
+    loop.controller.on_transform(transform(CAMERA).replace("camera", "panda_link3"), loop.now)
+    assert "panda_link3" not in loop.controller.capture().frames.transforms
 
 
 def test_the_frames_of_every_input_are_found() -> None:
@@ -114,7 +114,7 @@ def test_the_frames_of_every_input_are_found() -> None:
 def test_tf_is_asked_and_what_it_said_before_is_not_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """With tf2_ros: one answer per change, none for frames that are not connected. Without it: none at all."""
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
-    assert not list(Transforms(None).answers("base", ["camera"]))
+    assert not list(Transforms(None).lookup("base", ["camera"]))
 
     place = SimpleNamespace(x=1.0, y=2.0, z=3.0)
     turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -132,7 +132,7 @@ def test_tf_is_asked_and_what_it_said_before_is_not_said_again(monkeypatch: pyte
     tf2.TransformException = LookupError  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "tf2_ros", tf2)
     transforms = Transforms(None)
-    assert list(transforms.answers("base", ["camera", "moon"])) == ["camera 1.0 2.0 3.0 0.0 0.0 0.0 1.0"]
-    assert not list(transforms.answers("base", ["camera"]))
+    assert list(transforms.lookup("base", ["camera", "moon"])) == ["camera 1.0 2.0 3.0 0.0 0.0 0.0 1.0"]
+    assert not list(transforms.lookup("base", ["camera"]))
     place.x = 0.1
-    assert list(transforms.answers("base", ["camera"])) == ["camera 0.1 2.0 3.0 0.0 0.0 0.0 1.0"]
+    assert list(transforms.lookup("base", ["camera"])) == ["camera 0.1 2.0 3.0 0.0 0.0 0.0 1.0"]

@@ -16,9 +16,9 @@ from ik_node.robot.joint_limits import (
     JointBounds,
     MotionLimits,
     cause,
-    conceded,
     joint_bounds,
     motion_limits,
+    relaxed,
     stopping_distance,
     viable_speed,
 )
@@ -57,7 +57,7 @@ def test_no_limit_is_ever_broken_and_the_box_is_never_empty(dt_max_s: float) -> 
         bounds = joint_bounds(limits, q, v, elapsed_s)
         assert (bounds.lo <= bounds.hi).all()
         # Never empty before rounding either: nothing had to give way.
-        assert conceded(bounds, tuple(map(str, range(LANES)))) == ()
+        assert relaxed(bounds, tuple(map(str, range(LANES)))) == ()
         new = hostile_choice(rng, tick, bounds)
         assert (np.abs(new - v) <= limits.acceleration * elapsed_s + 1e-12).all()
         assert (np.abs(new) <= limits.velocity).all()
@@ -147,7 +147,7 @@ def test_priorities_and_names() -> None:
         "velocity",
     ]
     assert bounds.lo.tolist() == pytest.approx([-0.02, -0.02, 1.48, 2.0])
-    assert conceded(bounds, ("a", "b", "c", "d")) == ("position c", "acceleration d")
+    assert relaxed(bounds, ("a", "b", "c", "d")) == ("position c", "acceleration d")
     assert (np.abs([bounds.lo, bounds.hi]) <= 2.0).all()
 
 
@@ -160,7 +160,7 @@ def test_a_hold_longer_than_dt_max_counts_as_dt_max() -> None:
 
 def test_settings_override_the_urdf() -> None:
     """One value for all joints, or one per joint; a list of another length is refused by name."""
-    robot = catalogue.robot_from(ArmSettings(robot="kinova"))
+    robot = catalogue.robot_from_settings(ArmSettings(robot="kinova"))
     limits = motion_limits(robot, LimitSettings(velocity_fraction=0.5, position_margin=0.01), 500.0)
     assert limits.velocity == pytest.approx(0.5 * robot.limits.velocity)
     assert limits.acceleration.tolist() == [10.0] * 6
@@ -171,5 +171,5 @@ def test_settings_override_the_urdf() -> None:
     assert bounds.hi[robot.continuous] == pytest.approx(np.minimum(0.1, limits.velocity)[robot.continuous])
     with pytest.raises(SettingsError, match=r"limits.velocity has 2 values; expected 1 or 6"):
         motion_limits(robot, LimitSettings(velocity=(1.0, 2.0)), 500.0)
-    with pytest.raises(SettingsError, match="no position left"):
+    with pytest.raises(SettingsError, match="has no range"):
         motion_limits(robot, LimitSettings(position_lower=(1.0,), position_upper=(1.0,)), 500.0)

@@ -10,9 +10,9 @@ import re
 
 import numpy as np
 import pytest
+from arms import random_position
 from loop import READY, Loop
 
-from benchmarks.reference_solvers import random_position
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.distance_kernels import approach_speed_bounds
 from ik_node.collision.distances import DistanceQuery
@@ -234,7 +234,7 @@ def test_the_second_finger_of_a_panda() -> None:
     fingers = robot.dynamics(ready).mass_matrix[-1, -1]
     alone = free.dynamics(ready).mass_matrix[-1, -1]
     assert fingers == pytest.approx(2.0 * alone)
-    held = catalogue.robot_from(ArmSettings(robot="panda"))
+    held = catalogue.robot_from_settings(ArmSettings(robot="panda"))
     both = [held.frame_pose(ready[:7], f"panda_{side}finger") for side in ("left", "right")]
     assert np.abs(both[0][:3, 3] - both[1][:3, 3]).max() < 1e-12, "closed, as the master is held"
 
@@ -279,9 +279,11 @@ def test_what_cannot_be_followed_is_refused(tag: str, words: str) -> None:
 
 
 def test_a_tag_with_numbers_that_are_none() -> None:
-    with pytest.raises(RobotError, match="joint 'joint3' mimics by a number that is none"):
+    with pytest.raises(RobotError, match="joint 'joint3' has a mimic multiplier or offset that is not a number"):
         read_mimics(description(tags={"joint3": '<mimic joint="joint1" multiplier="two"/>'}))
-    with pytest.raises(RobotError, match="joint 'joint3' mimics by 1 and nan; expected finite numbers"):
+    with pytest.raises(
+        RobotError, match="joint 'joint3' has mimic multiplier 1 and offset nan; expected finite numbers"
+    ):
         read_mimics(description(tags={"joint3": '<mimic joint="joint1" offset="nan"/>'}))
 
 

@@ -56,14 +56,14 @@ def test_mass_matrix_and_gravity_belong_to_one_energy(name: str) -> None:
 def test_joints_may_come_in_any_order_and_be_a_part() -> None:
     usual = make_robot("kinova")
     order = [3, 0, 5, 1, 4, 2]
-    mixed = catalogue.robot_from(ArmSettings(robot="kinova", joints=tuple(usual.joints[i] for i in order)))
+    mixed = catalogue.robot_from_settings(ArmSettings(robot="kinova", joints=tuple(usual.joints[i] for i in order)))
     q = random_position(usual)
     assert np.allclose(mixed.pose(q[order]), usual.pose(q), atol=1e-14)
     assert np.allclose(mixed.evaluate(q[order]).jacobian_b, usual.evaluate(q).jacobian_b[:, order], atol=1e-14)
     assert np.allclose(mixed.dynamics(q[order]).mass_matrix, usual.dynamics(q).mass_matrix[np.ix_(order, order)])
     qd = np.linspace(-1.0, 1.0, usual.n)
     assert mixed.kinetic_energy(q[order], qd[order]) == pytest.approx(usual.kinetic_energy(q, qd), rel=1e-12)
-    part = catalogue.robot_from(ArmSettings(robot="ur5", joints=("shoulder_pan_joint", "elbow_joint")))
+    part = catalogue.robot_from_settings(ArmSettings(robot="ur5", joints=("shoulder_pan_joint", "elbow_joint")))
     assert part.n == 2
     assert part.evaluate(np.zeros(2)).jacobian_b.shape == (6, 2)
 
@@ -143,11 +143,14 @@ def test_an_unknown_robot_is_refused_with_the_list() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown robot 'pandora'; valid: .*panda"):
         catalogue.find("pandora")
     with pytest.raises(RobotError, match="no robot"):
-        catalogue.robot_from(ArmSettings())
+        catalogue.robot_from_settings(ArmSettings())
 
 
 def test_the_parameter_goes_before_the_name_and_the_name_before_the_topic() -> None:
     urdf = catalogue.read_urdf(catalogue.find("ur5"))
-    assert catalogue.robot_from(ArmSettings(robot="panda", robot_description=urdf)).joints[0] == "shoulder_pan_joint"
-    assert catalogue.robot_from(ArmSettings(robot="panda"), urdf).n == 7
-    assert catalogue.robot_from(ArmSettings(tip_frame="tool0"), urdf).tip_frame == "tool0"
+    assert (
+        catalogue.robot_from_settings(ArmSettings(robot="panda", robot_description=urdf)).joints[0]
+        == "shoulder_pan_joint"
+    )
+    assert catalogue.robot_from_settings(ArmSettings(robot="panda"), urdf).n == 7
+    assert catalogue.robot_from_settings(ArmSettings(tip_frame="tool0"), urdf).tip_frame == "tool0"

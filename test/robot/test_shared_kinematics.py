@@ -15,7 +15,7 @@ import pytest
 from support import shared_path
 
 from ik_node.differential_ik.closed_form import resolve
-from ik_node.inverse_kinematics.newton_raphson import PoseIterate, PoseSolution, Reason, find_root, solve_pose
+from ik_node.inverse_kinematics.newton_raphson import PoseIterate, PoseSolution, Reason, find_root, solve_pose_newton
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.inverse_kinematics.worked_examples import planar_2r
 from ik_node.math import se3
@@ -60,7 +60,7 @@ def test_newton_iterates() -> None:
     for case in cases["cases"]:
         for chain in arms[case["robot"]]:
             for tolerance, (eps_omega, eps_v) in {"1e-3/1e-4": (1e-3, 1e-4), "1e-6/1e-6": (1e-6, 1e-6)}.items():
-                solution = solve_pose(chain, case["Tsd"], case["theta0"], eps_omega=eps_omega, eps_v=eps_v)
+                solution = solve_pose_newton(chain, case["Tsd"], case["theta0"], eps_omega=eps_omega, eps_v=eps_v)
                 assert solution.reason in {Reason.CONVERGED, Reason.LIMITS}
                 assert solution.iterations == case["iterations_to_tol"][tolerance], case["name"]
                 check_rows(solution.iterates, case["rows"], 1e-9)
@@ -70,7 +70,7 @@ def test_example_6_1() -> None:
     case = load("example_6_1.json")
     example = planar_2r()
     np.testing.assert_allclose(example.pose_sd, case["Tsd"], atol=1e-15)
-    solution = solve_pose(*example, eps_omega=case["eps_omega"], eps_v=case["eps_v"])
+    solution = solve_pose_newton(*example, eps_omega=case["eps_omega"], eps_v=case["eps_v"])
     assert (solution.converged, solution.iterations) == (case["converged"], case["iterations"])
     check_rows(solution.iterates, case["rows"], 1e-10)
 
@@ -79,7 +79,7 @@ def test_properties_runs() -> None:
     for case in load("properties.json")["numeric_cases"]:
         for tolerance, steps in case["iterations_to_tol"].items():
             eps_omega, eps_v = (float(text) for text in tolerance.split("/"))
-            solution = solve_pose(robot("ur5"), case["Tsd"], case["theta0"], eps_omega=eps_omega, eps_v=eps_v)
+            solution = solve_pose_newton(robot("ur5"), case["Tsd"], case["theta0"], eps_omega=eps_omega, eps_v=eps_v)
             assert solution.iterations == steps
             check_rows(solution.iterates, case["rows"], 1e-9)
 
@@ -94,7 +94,7 @@ def test_exercise_6_8() -> None:
 def test_exercise_6_9() -> None:
     # A half turn at the start: one of the two branches, whichever the logarithm chose.
     case = load("exercises.json")["6.9"]
-    solution = solve_pose(planar_2r().chain, case["Tsd"], np.deg2rad([0.0, 30.0]))
+    solution = solve_pose_newton(planar_2r().chain, case["Tsd"], np.deg2rad([0.0, 30.0]))
     branch = case["branch_plus_pi" if solution.iterates[0].twist[5] > 0.0 else "branch_minus_pi"]
     assert (solution.converged, solution.iterations) == (branch["converged"], branch["iterations"])
     check_rows(solution.iterates, branch["rows"], 1e-9)
@@ -109,7 +109,7 @@ def test_exercise_6_10() -> None:
     for letters, rows in case["variants"].items():
         screws = np.array([[*axes[letter], 0.0, 0.0, 0.0] for letter in letters]).T
         chain = ScrewChain.from_angular_first(np.eye(4), body=screws)
-        solution = solve_pose(chain, goal, np.deg2rad([0.0, 30.0, 0.0]), eps_omega=1e-9, eps_v=1e-9)
+        solution = solve_pose_newton(chain, goal, np.deg2rad([0.0, 30.0, 0.0]), eps_omega=1e-9, eps_v=1e-9)
         np.testing.assert_allclose(solution.iterates[1].theta, rows[1]["theta_rad"], atol=1e-12)
         np.testing.assert_allclose(solution.iterates[0].twist[3:], rows[0]["omega_b"], atol=1e-12)
         assert solution.converged
@@ -124,7 +124,7 @@ def test_exercises_with_screw_axes(name: str) -> None:
     chain = chain_from(case["M"], case["B_mr_order"])
     for form in ("body", "space"):
         tolerances = {"eps_omega": case["eps_omega"], "eps_v": case["eps_v"]}
-        solution = solve_pose(chain, case["Tsd"], case["theta0"], form=form, **tolerances)
+        solution = solve_pose_newton(chain, case["Tsd"], case["theta0"], form=form, **tolerances)
         assert (solution.converged, solution.iterations) == (case["converged"], case["iterations"])
         np.testing.assert_allclose(chain.pose(solution.q), case["Tsd"], atol=1e-3)
         np.testing.assert_allclose(wrap_angle(solution.q), solution.q)
@@ -179,7 +179,7 @@ def test_library_examples() -> None:
         inputs = cases[f"IKin{form}"]["inputs"]
         chain = ScrewChain.from_angular_first(inputs["M"], **{form.lower(): inputs[key]})
         tolerances = {"eps_omega": inputs["eomg"], "eps_v": inputs["ev"]}
-        solution = solve_pose(chain, inputs["T"], inputs["thetalist0"], form=form.lower(), **tolerances)
+        solution = solve_pose_newton(chain, inputs["T"], inputs["thetalist0"], form=form.lower(), **tolerances)
         assert solution.converged
         check(f"IKin{form}", solution.iterates[-1].theta)
 
@@ -369,7 +369,7 @@ def test_peer_pinocchio() -> None:
     goal = np.eye(4)
     goal[:3, 3] = peer["target"]["p"]
     case = peer["nonsingular_start"]
-    solution: PoseSolution = solve_pose(chain, goal, case["q0"], eps_omega=1e-4, eps_v=1e-4)
+    solution: PoseSolution = solve_pose_newton(chain, goal, case["q0"], eps_omega=1e-4, eps_v=1e-4)
     assert solution.converged
     np.testing.assert_allclose(chain.pose(solution.q), goal, atol=1e-3)
     # From the singular neutral position undamped steps stay in the plane that is left; restarts find the way.

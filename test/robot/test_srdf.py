@@ -26,22 +26,22 @@ def test_text_file_and_shipped_name_the_same(tmp_path: Path) -> None:
     assert shipped.name == "panda.srdf"
     copy = tmp_path / "mine.srdf"
     copy.write_text(shipped.read_text())
-    robot = catalogue.robot_from(PANDA)
+    robot = catalogue.robot_from_settings(PANDA)
     digests = set()
     for wanted in (shipped.read_text(), str(copy), "shipped"):
         controller = Controller(robot, Settings(arm=PANDA, obstacles=ObstacleSettings(srdf=wanted)))
         assert controller.settings.obstacles.srdf == shipped.read_text()
-        digests.add(controller.geometry)
-        assert "disabled by the SRDF: " in controller.pairs
+        digests.add(controller.collision_monitor.digest)
+        assert "disabled by the SRDF: " in controller.collision_monitor.pairs
     assert len(digests) == 1
-    assert Controller(robot, Settings(arm=PANDA)).geometry not in digests
+    assert Controller(robot, Settings(arm=PANDA)).collision_monitor.digest not in digests
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "talos_arm", "kinova", "z1"])
 def test_shipped_ones_fit_their_arms(name: str) -> None:
     """No watched pair is in lasting contact, else the arm could not move; kinova's and z1's disable nothing."""
     arm = ArmSettings(robot=name)
-    robot, text = catalogue.robot_from(arm), srdf.read_srdf("shipped", arm)
+    robot, text = catalogue.robot_from_settings(arm), srdf.read_srdf("shipped", arm)
     geometry = collision_geometry.load(robot, srdf=text)
     links = geometry.names()
     disabled = {

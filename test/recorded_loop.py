@@ -85,12 +85,6 @@ class RecordedCaller:
             self.recording.write_pending()
         return self._calls.call(kind, now, argument, data)
 
-    def _between_calls(self, now: Instant) -> None:
-        if now.monotonic_ns >= self._due_ns:
-            self._due_ns = now.monotonic_ns + round(self._options.flush_period_s * NS)
-            self.recording.write_pending()
-        self.recording.between_calls(self.controller.state, now)
-
 
 def recorded_loop(
     directory: Path, values: dict[str, Any] | None = None, name: str = "panda", options: RecorderOptions | None = None

@@ -31,13 +31,13 @@ def as_text(done: Repair) -> str:
     from ik_node.interfaces.clock import NS
     from ik_node.recording.mcap.metadata import METADATA_FILE
 
-    if done.was_whole:
+    if done.was_complete:
         return "complete: nothing to repair"
     lines = []
     for part in done.parts:
         until = f" until {part.end_ns / NS:.3f} s" if part.messages else ""
         kept = f"{part.messages} messages{until}"
-        if part.was_whole:
+        if part.was_complete:
             lines.append(f"{part.name}: complete, {kept}")
         else:
             removed = f"removed {part.removed_bytes} bytes of an unfinished record"
@@ -45,7 +45,7 @@ def as_text(done: Repair) -> str:
         if part.missing:
             lines.append(f"{part.name}: its writer dropped {part.missing} messages")
     lines += [f"{name}: empty, unchanged and not listed" for name in done.ignored]
-    if any(not part.was_whole for part in done.parts):
+    if any(not part.was_complete for part in done.parts):
         lines.append("lost: messages that were not written when the writer was killed, those of 0.1 s at most")
     else:
         lines.append(f"lost: nothing; {METADATA_FILE} was missing and has been written")

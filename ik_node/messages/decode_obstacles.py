@@ -1,4 +1,4 @@
-"""Obstacles as visualization_msgs/MarkerArray -> plain data."""
+"""Obstacles: visualization_msgs/MarkerArray -> plain data."""
 
 from __future__ import annotations
 
@@ -13,14 +13,20 @@ from ik_node.messages.cdr import deserialize, stamp_of
 MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 ADD, DELETE, DELETE_ALL = 0, 2, 3
 KINDS = {1: "box", 2: "sphere", 3: "cylinder"}
-"""Marker types that are solids: CUBE, SPHERE, CYLINDER."""
+"""Supported marker types: CUBE, SPHERE, CYLINDER."""
 
 
 def decode_obstacles(data: bytes) -> tuple[ObstacleSample, ...]:
-    """The markers in ``data``, in their order, unchecked; InputError when it is no MarkerArray.
+    """Decodes obstacles without validating them.
 
-    A marker's name is its namespace and number, ``shelf/3``. Spheres and cylinders that are stretched across become as
-    wide as they are at their widest. Other types (arrows, text, meshes) come with an empty kind.
+    A name consists of namespace and number of the marker: ``shelf/3``. Spheres and cylinders with unequal scales get
+    the largest diameter. The kind of other marker types (arrows, text, meshes) is ``marker type N``.
+
+    Args:
+        data: CDR bytes of a visualization_msgs/MarkerArray.
+
+    Raises:
+        InputError: The bytes are no such message.
     """
     return tuple(_sample(marker) for marker in deserialize(data, MARKERS_TYPE).markers)
 

@@ -21,7 +21,7 @@ TWIST_TYPE = "geometry_msgs/msg/TwistStamped"
 
 
 def decode_pose(data: bytes) -> PoseSample:
-    """The geometry_msgs/PoseStamped in ``data``; InputError when it is none."""
+    """Decodes a geometry_msgs/PoseStamped; raises InputError for other bytes."""
     if data[:2] != LITTLE_ENDIAN:
         message = deserialize(data, POSE_TYPE)
         p, q = message.pose.position, message.pose.orientation
@@ -38,7 +38,7 @@ def decode_pose(data: bytes) -> PoseSample:
 
 
 def decode_path(data: bytes) -> PathSample:
-    """The nav_msgs/Path in ``data``. A pose that names no frame is in the path's. InputError when it is none."""
+    """Decodes a nav_msgs/Path; a pose without a frame gets that of the path. Raises InputError for other bytes."""
     message = deserialize(data, PATH_TYPE)
     poses, own = message.poses, str(message.header.frame_id)
     return PathSample(
@@ -50,10 +50,14 @@ def decode_path(data: bytes) -> PathSample:
 
 
 def decode_trajectory(data: bytes) -> TrajectorySample:
-    """The trajectory_msgs/MultiDOFJointTrajectory in ``data``: one joint, the tool; its name does not matter.
+    """Decodes a trajectory of the tool.
 
-    InputError when it is none, when a point has not one transform, or when only some points have a velocity (or an
-    acceleration); the message names the point by its number from 0.
+    Args:
+        data: CDR bytes of a trajectory_msgs/MultiDOFJointTrajectory with one joint of any name, the tool.
+
+    Raises:
+        InputError: The bytes are no such message, a point does not have exactly one transform, or only some points have
+            a velocity (or an acceleration); points are numbered from 0.
     """
     message = deserialize(data, TRAJECTORY_TYPE)
     points = message.points
@@ -76,7 +80,7 @@ def decode_trajectory(data: bytes) -> TrajectorySample:
 
 
 def decode_twist(data: bytes) -> TwistSample:
-    """The geometry_msgs/TwistStamped in ``data``; InputError when it is none."""
+    """Decodes a geometry_msgs/TwistStamped; raises InputError for other bytes."""
     message = deserialize(data, TWIST_TYPE)
     return TwistSample(stamp_of(message), str(message.header.frame_id), np.array(_twist(message.twist)))
 

@@ -34,11 +34,11 @@ TYPES = {
     STATUS: "diagnostic_msgs/msg/DiagnosticStatus",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
-"""Output topic -> message type. Topics without a leading slash live under the node's own name."""
+"""Output topic -> message type; topics without a leading slash are relative to the name of the node."""
 
 
 class Outgoing(NamedTuple):
-    """One message to publish."""
+    """A message to be published."""
 
     topic: str
     """A key of :data:`TYPES`."""
@@ -50,39 +50,55 @@ class Outgoing(NamedTuple):
 
 
 def encode_string(text: str) -> bytes:
-    """std_msgs/String."""
+    """Encodes a std_msgs/String."""
     return serialize(make("std_msgs/msg/String", data=text))
 
 
 def encode_joint_state(
     names: tuple[str, ...], stamp_ns: int, position: Array | None = None, velocity: Array | None = None
 ) -> bytes:
-    """sensor_msgs/JointState of ``position`` [rad, m] and ``velocity`` [rad/s, m/s], each (len(names),) or left out."""
+    """Encodes a sensor_msgs/JointState.
+
+    Args:
+        names: Joints.
+        stamp_ns: ROS time.
+        position: (len(names),), rad (m); default: none.
+        velocity: (len(names),), rad/s (m/s); default: none.
+
+    Raises:
+        InputError: An array has another shape or type.
+    """
     given = [values for values in (position, velocity) if values is not None]
     template = joint_state_template(names, position is not None, velocity is not None)
     return template.fill(stamp_ns, *[_bytes(values, len(names)) for values in given])
 
 
 def encode_pose(frame_id: str, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> bytes:
-    """geometry_msgs/PoseStamped of a position (3,) [m] and a quaternion (4,), not checked."""
+    """Encodes a geometry_msgs/PoseStamped of a position (3,), m, and a quaternion (4,), which are not validated."""
     return pose_template(frame_id).fill(stamp_ns, _bytes(position, 3) + _bytes(quaternion_xyzw, 4))
 
 
 def encode_twist(frame_id: str, stamp_ns: int, twist: Array) -> bytes:
-    """geometry_msgs/TwistStamped of (v, omega), (6,) [m/s, rad/s]."""
+    """Encodes a geometry_msgs/TwistStamped of (v, omega), (6,), m/s and rad/s."""
     return twist_template(frame_id).fill(stamp_ns, _bytes(twist, 6))
 
 
 def encode_wrench(frame_id: str, stamp_ns: int, wrench: Array) -> bytes:
-    """geometry_msgs/WrenchStamped of (force, torque), (6,) [N, N m]."""
+    """Encodes a geometry_msgs/WrenchStamped of (force, torque), (6,), N and N m."""
     return wrench_template(frame_id).fill(stamp_ns, _bytes(wrench, 6))
 
 
 def encode_command(joint_velocity: Array) -> bytes:
-    """std_msgs/Float64MultiArray of joint velocities (n,), without a layout, as ros2_control's forwarding
-    controllers take it.
+    """Encodes a command as the forwarding controllers of ros2_control expect it.
 
-    Raises InputError when one of them is not finite: this is the last check before the motors.
+    Args:
+        joint_velocity: (n,), rad/s (m/s).
+
+    Returns:
+        CDR bytes of a std_msgs/Float64MultiArray without a layout.
+
+    Raises:
+        InputError: A velocity is not finite; this is the last check before the motors.
     """
     if not np.isfinite(joint_velocity).all():
         raise InputError(f"command is not finite: {joint_velocity}")
@@ -90,12 +106,12 @@ def encode_command(joint_velocity: Array) -> bytes:
 
 
 def encode_status(status: Status, name: str, values: Mapping[str, str] | None = None, hardware_id: str = "") -> bytes:
-    """diagnostic_msgs/DiagnosticStatus: the reason as its message, the mode as the first of its values."""
+    """Encodes a diagnostic_msgs/DiagnosticStatus: the reason is its message, the mode its first value."""
     return serialize(_status_message(status, name, values or {}, hardware_id))
 
 
 def encode_diagnostics(statuses: Iterable[tuple[Status, str, Mapping[str, str]]], stamp_ns: int) -> bytes:
-    """diagnostic_msgs/DiagnosticArray of (status, name, values)."""
+    """Encodes a diagnostic_msgs/DiagnosticArray of (status, name, values)."""
     messages = [_status_message(status, name, values, "") for status, name, values in statuses]
     return serialize(make("diagnostic_msgs/msg/DiagnosticArray", header=header("", stamp_ns), status=messages))
 

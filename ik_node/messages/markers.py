@@ -1,15 +1,15 @@
-"""A run as visualization_msgs/MarkerArray, for RViz and Foxglove: tool path, target, obstacles, clearance.
+"""Tool path, target, obstacles and clearance as visualization_msgs/MarkerArray, for RViz and Foxglove.
 
 ============== ======================= ===============================================================================
-namespace      types                   what
+namespace      types                   content
 ============== ======================= ===============================================================================
-``tool_path``  LINE_STRIP              where the tool point was, the last ``MAX_POINTS`` points ``SPACING_M`` apart
+``tool_path``  LINE_STRIP              path of the tool point: the last ``MAX_POINTS`` points, ``SPACING_M`` apart
 ``target``     LINE_LIST               axes of the desired pose: x red, y green, z blue
-``obstacles``  SPHERE, CUBE, CYLINDER  as the controller sees them now; a capsule is a cylinder and two spheres
-``clearance``  LINE_LIST, TEXT         between the nearest points of the closest pair, with distance and names
+``obstacles``  SPHERE, CUBE, CYLINDER  the controller's obstacles; a capsule is a cylinder and two spheres
+``clearance``  LINE_LIST, TEXT         line between the nearest points of the closest pair, distance, names
 ============== ======================= ===============================================================================
 
-A thing keeps its number as long as it is there; when it goes away it is deleted.
+An object keeps its marker number while it exists; afterwards its markers are deleted.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from ik_node.messages.decode_obstacles import ADD, DELETE, DELETE_ALL, MARKERS_T
 CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT = 1, 2, 3, 4, 5, 9
 """Marker types."""
 MAX_POINTS = 500
-"""Length of the tool path in points: a message of 12 kB that takes 0.4 ms to make."""
+"""Length of the tool path in points: a message of 12 kB that is encoded in 0.4 ms."""
 SPACING_M = 0.004
-"""Points of the tool path are at least this far apart."""
+"""Minimum distance of consecutive points of the tool path."""
 WAITING_POINTS = 1000
-"""Points that :meth:`SceneMarkers.see` keeps until the next message: more than a message's period brings."""
+"""Capacity for points since the last message; more than arrive in its period."""
 PARTS = 3
-"""Numbers that an obstacle may use."""
+"""Marker numbers per obstacle."""
 AXIS_M = 0.1
 LINE_M = 0.003
 TEXT_M = 0.03
 CLOSE_M = 0.05
-"""Clearance below this is shown in red."""
+"""Clearance below this value is drawn in red."""
 RED, GREEN, BLUE = (0.9, 0.1, 0.1, 1.0), (0.1, 0.7, 0.1, 1.0), (0.1, 0.2, 0.9, 1.0)
 TRAIL, SOLID, NEAREST = (1.0, 0.6, 0.0, 1.0), (0.5, 0.5, 0.6, 0.7), (0.9, 0.3, 0.2, 0.7)
 
@@ -50,56 +50,65 @@ _ORIGIN = np.zeros(3)
 
 
 class SceneMarkers:
-    """Says tool path, target, obstacles and clearance as markers; one instance per node."""
+    """Encodes the markers of one node."""
 
     def __init__(self, base_frame: str) -> None:
-        """Makes a message of everything once: the first one takes ten times as long as the rest."""
+        """Encodes a message once, because the first one takes ten times as long."""
         self.base_frame = base_frame
-        self._seen: deque[Array] = deque(maxlen=WAITING_POINTS)
+        self._new_points: deque[Array] = deque(maxlen=WAITING_POINTS)
         self._path: deque[Array] = deque(maxlen=MAX_POINTS)
         self._last: Step | None = None
         self._numbers: dict[str, int] = {}
         self._shown: set[tuple[str, int]] = set()
-        self._begun = False
+        self._started = False
         serialize(make(MARKERS_TYPE, markers=[self._marker("", 0, TEXT, 0, points=np.zeros((2, 3)), colours=(RED,))]))
 
-    def see(self, step: Step) -> None:
-        """Takes a step; costs next to nothing."""
+    def add_step(self, step: Step) -> None:
+        """Stores a Step for the next message."""
         self._last = step
-        self._seen.append(step.pose_sb)
+        self._new_points.append(step.pose_sb)
 
-    def say(self, scene: Scene, now: Instant) -> bytes:
-        """The message for now: all there is, and the deletion of what was there and is not. The first one begins with
-        the deletion of everything, since an earlier run may have left something behind."""
+    def encode_markers(self, scene: Scene, now: Instant) -> bytes:
+        """Encodes the present markers and the deletion of those that disappeared.
+
+        The first message deletes all markers first, because an earlier process may have left some.
+
+        Args:
+            scene: Obstacles of the controller.
+            now: Time of the message.
+
+        Returns:
+            CDR bytes of a visualization_msgs/MarkerArray.
+        """
         self._extend()
         stamp_ns = now.ros_ns
-        there = self._tool_path(stamp_ns) + self._obstacles(scene.at(now.monotonic_ns), now)
+        markers = self._tool_path(stamp_ns) + self._obstacles(scene.at(now.monotonic_ns), now)
         if self._last is not None:
-            there += _finite(self._target(self._last.pose_sd, stamp_ns), self._last.pose_sd)
-            there += _finite(self._clearance(self._last, stamp_ns), self._last.closest_points)
-        shown = {(marker.ns, marker.id) for marker in there}
-        gone = [self._marker(ns, number, 0, stamp_ns, DELETE) for ns, number in sorted(self._shown - shown)]
-        if not self._begun:
-            gone = [self._marker("", 0, 0, stamp_ns, DELETE_ALL)]
-        self._shown, self._begun = shown, True
-        return serialize(make(MARKERS_TYPE, markers=gone + there))
+            markers += _finite(self._target(self._last.pose_sd, stamp_ns), self._last.pose_sd)
+            markers += _finite(self._clearance(self._last, stamp_ns), self._last.closest_points)
+        shown = {(marker.ns, marker.id) for marker in markers}
+        deletions = [self._marker(ns, number, 0, stamp_ns, DELETE) for ns, number in sorted(self._shown - shown)]
+        if not self._started:
+            deletions = [self._marker("", 0, 0, stamp_ns, DELETE_ALL)]
+        self._shown, self._started = shown, True
+        return serialize(make(MARKERS_TYPE, markers=deletions + markers))
 
-    def end(self, now: Instant) -> bytes:
-        """The message that takes everything away."""
-        self._shown, self._begun = set(), False
+    def delete_all(self, now: Instant) -> bytes:
+        """Encodes the deletion of all markers."""
+        self._shown, self._started = set(), False
         return serialize(make(MARKERS_TYPE, markers=[self._marker("", 0, 0, now.ros_ns, DELETE_ALL)]))
 
     def _extend(self) -> None:
-        """Adds what was seen since last time to the tool path."""
-        for pose in self._seen:
+        """Adds the new points to the tool path."""
+        for pose in self._new_points:
             point = pose[:3, 3]
             far = not self._path or float(np.linalg.norm(point - self._path[-1])) >= SPACING_M
             if far and np.isfinite(point).all():
                 self._path.append(point)
-        self._seen.clear()
+        self._new_points.clear()
 
     def _tool_path(self, stamp_ns: int) -> list[Any]:
-        if len(self._path) < 2:  # a line strip of one point is an error to RViz
+        if len(self._path) < 2:  # RViz reports a line strip of one point as an error
             return []
         points = np.array(self._path)
         return [
@@ -141,7 +150,7 @@ class SceneMarkers:
         return result
 
     def _number(self, scene: Scene) -> None:
-        """Gives new names the lowest numbers that are free."""
+        """Assigns the lowest free numbers to new obstacles."""
         self._numbers = {name: number for name, number in self._numbers.items() if name in scene.obstacles}
         taken = set(self._numbers.values())
         free = (number for number in range(len(taken) + len(scene.obstacles)) if number not in taken)
@@ -196,7 +205,7 @@ class SceneMarkers:
 
 
 def _solids(entry: Obstacle) -> list[tuple[int, Array, tuple[float, float, float]]]:
-    """Marker type, centre and extent of the parts of an obstacle, all turned as it is."""
+    """Marker type, centre and extent of the parts of an obstacle; all have its orientation."""
     kind, size = entry.shape
     centre = entry.pose_s[:3, 3]
     width = 2.0 * size[0]
@@ -208,11 +217,11 @@ def _solids(entry: Obstacle) -> list[tuple[int, Array, tuple[float, float, float
     if kind == "cylinder":
         return [trunk]
     half = 0.5 * size[1] * entry.pose_s[:3, 2]
-    return [trunk, *((SPHERE, centre + end, (width, width, width)) for end in (half, -half))]
+    return [trunk, *((SPHERE, centre + offset, (width, width, width)) for offset in (half, -half))]
 
 
 def _finite(markers: list[Any], values: Array) -> list[Any]:
-    """``markers``, unless what they show was not computed."""
+    """``markers``, or none if ``values`` contain NaN."""
     return markers if np.isfinite(values).all() else []
 
 

@@ -1,4 +1,4 @@
-"""Header stamps of messages moved to another time."""
+"""Messages with shifted header stamps."""
 
 from __future__ import annotations
 
@@ -12,16 +12,22 @@ _HEADER = "std_msgs/msg/Header"
 
 
 def restamped(data: bytes, type_name: str, later_ns: int) -> bytes:
-    """The message with every header stamp ``later_ns`` later; 0, which means "now", stays.
+    """A message with shifted header stamps.
 
-    InputError when the bytes are no ``type_name``.
+    Args:
+        data: CDR bytes.
+        type_name: Message type.
+        later_ns: Shift of every stamp; a stamp of 0, which means "at arrival", is kept.
+
+    Raises:
+        InputError: The bytes are no ``type_name``.
     """
     message = deserialize(data, type_name)
-    _move(message, later_ns)
+    _shift(message, later_ns)
     return serialize(message)
 
 
-def _move(message: Any, later_ns: int) -> None:
+def _shift(message: Any, later_ns: int) -> None:
     if message.__msgtype__ == _HEADER:
         stamp_ns = int(message.stamp.sec) * NS + int(message.stamp.nanosec)
         if stamp_ns:
@@ -31,4 +37,4 @@ def _move(message: Any, later_ns: int) -> None:
         value = getattr(message, entry.name)
         for part in value if isinstance(value, list) else (value,):
             if hasattr(part, "__msgtype__"):
-                _move(part, later_ns)
+                _shift(part, later_ns)

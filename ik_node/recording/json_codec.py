@@ -1,9 +1,9 @@
-"""Plain data <-> JSON, exactly: what comes back has the same types and the same bits.
+"""Plain data <-> JSON with the same types and bits after decoding.
 
-Plain data: numbers, text, None, enums, NumPy arrays, tuples, mappings with text as keys, and NamedTuples and
-dataclasses of these. The type says how to read it, so the JSON holds values only. Floats are written with as many
-digits as tell them apart from every other; those that JSON has no numbers for are the texts "nan", "inf" and "-inf".
-A large array is its shape and the hexadecimal digits of its bytes, low byte first: a hundred times quicker.
+Plain data: numbers, text, None, enums, NumPy arrays, tuples, mappings with text keys, and NamedTuples and dataclasses
+of these. The decoder is given the type, so the JSON contains values only. Floats are written with the shortest unique
+representation; non-finite ones are the texts "nan", "inf" and "-inf". A large array is stored as its shape and the
+hexadecimal digits of its little-endian bytes, which is a hundred times faster.
 """
 
 from __future__ import annotations
@@ -23,19 +23,27 @@ from numpy.typing import NDArray
 from ik_node.errors import InputError
 
 LARGEST_READABLE = 64
-"""Entries up to which an array is a list of numbers."""
+"""Largest array, in entries, that is stored as a list of numbers."""
 
 _ARRAY_ALIAS = get_origin(NDArray[np.float64])
-"""Since NumPy 2.5 a type of its own from Python 3.12 on; before, np.ndarray."""
+"""A separate type since NumPy 2.5 with Python 3.12; before, np.ndarray."""
 
 
 def to_json(value: object) -> str:
-    """The text of plain data; InputError names what is none."""
+    """Encodes plain data; raises InputError naming a type that is not plain data."""
     return json.dumps(_plain(value), allow_nan=False, separators=(",", ":"))
 
 
 def from_json(text: str, kind: Any) -> Any:
-    """The value of type ``kind`` in ``text``; InputError when the text holds something else."""
+    """Decodes a value.
+
+    Args:
+        text: Result of :func:`to_json`.
+        kind: Type of the value.
+
+    Raises:
+        InputError: The text does not contain a value of this type.
+    """
     try:
         return _typed(json.loads(text), kind)
     except (ValueError, KeyError, TypeError, IndexError) as error:
@@ -65,7 +73,7 @@ def _plain(value: Any) -> Any:
         return str(value)
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise InputError(f"{type(value).__name__} is no plain data")
+    raise InputError(f"{type(value).__name__} is not plain data")
 
 
 def _typed(value: Any, kind: Any) -> Any:
@@ -76,18 +84,18 @@ def _typed(value: Any, kind: Any) -> Any:
         return _array(value, np.dtype(get_args(arguments[1])[0] if origin is np.ndarray else arguments[0]))
     if origin is tuple:
         kinds = [arguments[0]] * len(value) if arguments[1:] == (...,) else arguments
-        return tuple(_typed(entry, wanted) for entry, wanted in zip(value, kinds, strict=True))
+        return tuple(_typed(entry, entry_kind) for entry, entry_kind in zip(value, kinds, strict=True))
     if origin is not None and issubclass(origin, Mapping):
         return {key: _typed(entry, arguments[1]) for key, entry in value.items()}
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-        return kind(**{name: _typed(value[name], wanted) for name, wanted in _fields(kind).items()})
+        return kind(**{name: _typed(value[name], entry_kind) for name, entry_kind in _fields(kind).items()})
     if kind in (bool, int, str) and type(value) is not kind:
         raise ValueError(f"{value!r} is no {kind.__name__}")
     return kind(value)
 
 
 def _one_of(value: Any, kinds: tuple[Any, ...]) -> Any:
-    """The first of ``kinds`` that fits; None stands for itself."""
+    """A value of the first type in ``kinds`` that matches."""
     if value is None:
         return None
     for kind in kinds:

@@ -1,4 +1,4 @@
-"""A recording -> a :class:`~ik_node.recording.run.Run`."""
+"""Reads a recording into a :class:`~ik_node.recording.run.Run`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from ik_node.recording.run_recorder import (
 
 
 class _Messages(NamedTuple):
-    """What a run is made of, taken out of a recording in one pass."""
+    """Messages of a run, collected in one pass over the recording."""
 
     setup: dict[str, Any]
     urdf: str
@@ -53,21 +53,31 @@ class _Messages(NamedTuple):
 
 
 def load_run(path: str | Path, node: str = "") -> Run:
-    """The run of ``node`` (full name; default: the only one there is) in the recording at ``path``, whole or cut off.
+    """Reads a recorded run.
 
-    Raises RecordingError when there is no recording, when it is damaged, or when it holds no run of that node; the
-    message says what it does hold.
+    Args:
+        path: Recording: a folder or one of its files, complete or cut off.
+        node: Full name of the node; default: the only recorded one.
+
+    Returns:
+        The run as arrays over control steps.
+
+    Raises:
+        RecordingError: There is no recording, it is damaged, or it contains no run of that node; the message lists what
+            it contains.
     """
     recording = Recording(Path(path))
     name = find_node(recording, node)
     messages = _collect(recording, name)
     if not messages.steps:
-        raise RecordingError(f"'{path}' holds no tick of node '{name}'")
+        raise RecordingError(f"'{path}' contains no control step of node '{name}'")
     columns = _columns(messages.steps)
     clock = _Clock(columns)
     texts = _texts(columns["texts"][:, 0], messages.texts)
     limits = messages.setup["limits"]
-    first, *changes = [(message, decode_parameters(message.data)) for message in _once(messages.parameters)]
+    first, *changes = [
+        (message, decode_parameters(message.data)) for message in _without_repetitions(messages.parameters)
+    ]
     return Run(
         robot=str(messages.setup["robot"]),
         urdf=messages.urdf,
@@ -122,7 +132,7 @@ def _collect(recording: Recording, node: str) -> _Messages:
         except InputError as error:
             raise RecordingError(f"'{recording.path}', topic {message.topic}: {error}") from error
     if not setups or not messages.parameters:
-        raise RecordingError(f"'{recording.path}' lacks the beginning of the run of node '{node}'")
+        raise RecordingError(f"'{recording.path}' lacks the start of the run of node '{node}'")
     return messages._replace(setup=setups[0], urdf=urdf)
 
 
@@ -139,7 +149,7 @@ def _columns(steps: list[bytes]) -> dict[str, Array]:
 
 
 class _Clock:
-    """The times of a run; t = 0 is its first tick."""
+    """Time axis of a run; t = 0 is its first control step."""
 
     def __init__(self, columns: dict[str, Array]) -> None:
         self.now_ns = _nanoseconds(columns["now_monotonic"])
@@ -148,11 +158,11 @@ class _Clock:
         self.start = Instant(int(self.now_ns[0]), int(self.ros_ns[0]))
 
     def of(self, now: Instant) -> float:
-        """Seconds from the first tick."""
+        """Seconds since the first control step."""
         return (now.monotonic_ns - self.start.monotonic_ns) / NS
 
     def of_ros(self, ros_ns: int) -> float:
-        """Seconds from the first tick for what is known in ROS time only."""
+        """Seconds since the first control step, for a ROS time."""
         return (ros_ns - self.start.ros_ns) / NS
 
 
@@ -176,8 +186,8 @@ def _changes(now_ns: NDArray[np.int64], status: tuple[Any, ...], start_ns: int) 
     return tuple(StatusChange((int(now_ns[row]) - start_ns) / NS, status[row]) for row in first)
 
 
-def _once(messages: list[RecordedMessage]) -> list[RecordedMessage]:
-    """Without what later files repeat."""
+def _without_repetitions(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+    """The messages without the repetitions in later files."""
     return list({message.sequence: message for message in reversed(messages)}.values())[::-1]
 
 

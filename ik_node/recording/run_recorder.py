@@ -136,7 +136,7 @@ class RunRecording:
 
     # --- events ---
 
-    def received(self, name: str, data: bytes, now: Instant, publish_time_ns: int = 0) -> int:
+    def record_input(self, name: str, data: bytes, now: Instant, publish_time_ns: int = 0) -> int:
         """Records an input message.
 
         Args:
@@ -146,11 +146,11 @@ class RunRecording:
             publish_time_ns: ROS time at which it was sent; 0 when unknown.
 
         Returns:
-            Sequence number of the message on its topic, for :meth:`called`.
+            Sequence number of the message on its topic, for :meth:`record_call`.
         """
         return self._put(self._inputs[name], data, now.ros_ns, publish_time_ns).sequence
 
-    def called(self, kind: CallKind, now: Instant, sequence: int = -1, text: str | None = None) -> None:
+    def record_call(self, kind: CallKind, now: Instant, sequence: int = -1, text: str | None = None) -> None:
         """Records a controller call, after it was made and before the Step that it returned.
 
         Args:
@@ -163,13 +163,13 @@ class RunRecording:
             sequence = self._put(self._channels[CALL_TEXTS], encode_string(text), now.ros_ns).sequence
         self._put(self._channels[CALLS], encode_call(Call(kind, sequence, now)), now.ros_ns)
 
-    def applied(self, settings: Settings, now: Instant) -> None:
+    def record_settings(self, settings: Settings, now: Instant) -> None:
         """Records a call of kind ``APPLY`` with its settings."""
         before, self._settings = self._settings.flat(), settings
         changed = {name for name, value in settings.flat().items() if before[name] != value}
-        self.called(CallKind.APPLY, now, self._put_parameters(changed, now))
+        self.record_call(CallKind.APPLY, now, self._put_parameters(changed, now))
 
-    def sent(self, step: Step, outgoing: Iterable[Outgoing]) -> None:
+    def record_step(self, step: Step, outgoing: Iterable[Outgoing]) -> None:
         """Records a Step and the output messages that were published for it."""
         stamp_ns = step.now.ros_ns
         try:
@@ -184,11 +184,11 @@ class RunRecording:
         for topic, data in outgoing:
             self._put(self._outputs[topic], data, stamp_ns)
 
-    def said(self, message: Outgoing, now: Instant) -> None:
+    def record_output(self, message: Outgoing, now: Instant) -> None:
         """Records an output message that belongs to no Step: status, diagnostics."""
         self._put(self._outputs[message.topic], message.data, now.ros_ns)
 
-    def between_calls(self, capture: Callable[[], object], now: Instant) -> None:
+    def after_call(self, capture: Callable[[], object], now: Instant) -> None:
         """Starts a new file when one is due; to be called after each call and its Step were recorded.
 
         A snapshot is also written when messages were left out and the writer has caught up, so that a replay can resume

@@ -24,7 +24,8 @@ from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall
 from ik_node.replay.call_source import CallSource, argument_of, calls, make_recorded_call
 from ik_node.replay.recorded_controller import RecordedController
-from ik_node.robot.robot import JointLimits, Robot
+from ik_node.robot.kinematics import JointLimits
+from ik_node.robot.robot import Robot
 from ik_node.robot.simulated_arm import SimulatedArm
 from ik_node.settings.schema import Value
 

@@ -111,14 +111,14 @@ class RecordedController:
         if recording is None:
             return
         if kind in INPUTS:
-            recording.called(kind, now, recording.received(INPUTS[kind].name, data, now))
+            recording.record_call(kind, now, recording.record_input(INPUTS[kind].name, data, now))
         elif kind is CallKind.APPLY:
-            recording.applied(argument, now)
+            recording.record_settings(argument, now)
         else:
-            recording.called(kind, now, text=str(argument) if kind in TEXT_CALLS else None)
+            recording.record_call(kind, now, text=str(argument) if kind in TEXT_CALLS else None)
         if step is not None:
-            recording.sent(step, outputs)
-        recording.between_calls(self.controller.capture, now)
+            recording.record_step(step, outputs)
+        recording.after_call(self.controller.capture, now)
 
 
 def run_setup(

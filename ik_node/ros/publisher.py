@@ -84,7 +84,7 @@ class StepPublisher:
         for topic, data in others:
             self._publishers[topic].publish(data)
         if self._markers is not None:
-            self._markers.see(step)
+            self._markers.add_step(step)
         return [command, *others]
 
     def publish_zero(self) -> None:
@@ -113,12 +113,12 @@ class StepPublisher:
     def publish_markers(self, scene: Scene, now: Instant) -> None:
         """Publish the markers if there is a subscriber; the next ones include the tool path in between."""
         if self._markers is not None and self._marker_publisher.get_subscription_count():
-            self._marker_publisher.publish(self._markers.say(scene, now))
+            self._marker_publisher.publish(self._markers.encode_markers(scene, now))
 
     def delete_markers(self, now: Instant) -> None:
         """Delete the markers of subscribers and wait until they acknowledge it."""
         if self._markers is not None and self._marker_publisher.get_subscription_count():
-            self._marker_publisher.publish(self._markers.end(now))
+            self._marker_publisher.publish(self._markers.delete_all(now))
             self._marker_publisher.wait_for_all_acked(ACK_TIMEOUT)
 
     def _values(self) -> dict[str, str]:

@@ -74,7 +74,7 @@ class NodeRecorder:
     def record(self, message: Outgoing, now: Instant) -> None:
         """Record a message that was published outside a Step: status or diagnostics."""
         if self._recording is not None:
-            self._recording.said(message, now)
+            self._recording.record_output(message, now)
 
     def with_warning(self, status: Status) -> Status:
         """Return ``status``, at level WARN at least and with the reason when the recording has failed."""

@@ -588,29 +588,30 @@ def record_run(directory: Path, count: int = 60, options: RecorderOptions | None
     robot, settings = panda(), Settings()
     outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
     run = steps(count)
-    setup = run_setup("/left/ik_node", robot, settings, {"joint_states": "/left/joint_states"})
-    setup = setup._replace(robot_name="panda")
+    setup = run_setup("/left/ik_node", robot, settings, {"joint_states": "/left/joint_states"})._replace(
+        robot_name="panda"
+    )
     recording = RunRecording(directory, setup, run[0].now, options)
     for step in run:
         state = encode.encode_joint_state(robot.joints, step.now.ros_ns, step.joint_position)
-        recording.called(
-            CallKind.ON_JOINT_STATE, step.now, recording.received(input_table.JOINT_STATES, state, step.now)
+        recording.record_call(
+            CallKind.ON_JOINT_STATE, step.now, recording.record_input(input_table.JOINT_STATES, state, step.now)
         )
-        recording.sent(step, [encode.Outgoing(encode.COMMANDS, outputs.command(step)), *outputs.others(step)])
+        recording.record_step(step, [encode.Outgoing(encode.COMMANDS, outputs.command(step)), *outputs.others(step)])
         if step.tick % 10 == 1:
             pose = encode.encode_pose(*TARGET)
-            recording.called(
-                CallKind.ON_TARGET_POSE, step.now, recording.received(input_table.TARGET_POSE, pose, step.now)
+            recording.record_call(
+                CallKind.ON_TARGET_POSE, step.now, recording.record_input(input_table.TARGET_POSE, pose, step.now)
             )
         if step.tick == 20:
-            recording.called(CallKind.PAUSE, step.now, text="paused by request")
-            recording.called(CallKind.RESET, step.now)
-            recording.applied(settings.with_values({"gain": (3.0, 10.0)}), step.now)
+            recording.record_call(CallKind.PAUSE, step.now, text="paused by request")
+            recording.record_call(CallKind.RESET, step.now)
+            recording.record_settings(settings.with_values({"gain": (3.0, 10.0)}), step.now)
         status = encode.encode_status(step.status, "/left/ik_node")
-        recording.said(encode.Outgoing(encode.STATUS, status), step.now)
+        recording.record_output(encode.Outgoing(encode.STATUS, status), step.now)
         if step.tick % 10 == 0:
             recording.write_pending()
-        recording.between_calls(CAPTURE, step.now)
+        recording.after_call(CAPTURE, step.now)
     recording.close()
     assert (recording.error, recording.dropped) == ("", 0)
     return recording
@@ -759,7 +760,7 @@ def test_a_queue_that_overflows_leaves_a_run_that_can_be_read(tmp_path: Path) ->
     recording = RunRecording(tmp_path / "bag", setup, Instant(0, ROS_START_NS), STEPWISE._replace(queue_mb=0.15))
     for tick in range(1000):
         step = made_step(tick, 7)
-        recording.sent(step._replace(status=STOPPED if tick % 2 else TRACKING), [])
+        recording.record_step(step._replace(status=STOPPED if tick % 2 else TRACKING), [])
         if tick % 300 == 299:
             recording.write_pending()
     recording.close()
@@ -772,9 +773,9 @@ def test_a_queue_that_overflows_leaves_a_run_that_can_be_read(tmp_path: Path) ->
 def test_a_step_that_cannot_be_recorded_is_said_and_does_not_reach_the_control_loop(tmp_path: Path) -> None:
     setup = run_setup("/ik_node", panda(), Settings(), {})
     recording = RunRecording(tmp_path / "bag", setup, Instant(0, ROS_START_NS))
-    recording.sent(made_step(0, 7), [])
-    recording.sent(made_step(1, 6), [])
+    recording.record_step(made_step(0, 7), [])
+    recording.record_step(made_step(1, 6), [])
     assert "lacks Steps" in recording.error
-    recording.sent(made_step(2, 7), [])
+    recording.record_step(made_step(2, 7), [])
     recording.close()
     assert load_run(tmp_path / "bag").tick.tolist() == [0, 2]

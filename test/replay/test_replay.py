@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from loop import Loop
 from recorded_loop import RecordedCaller, finish, record, recorded_loop
+from waiting import ENOUGH_S
 
 from ik_node.control.controller import Controller
 from ik_node.errors import TargetRefused
@@ -30,7 +31,7 @@ from ik_node.recording.mcap.reader import Recording
 from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 from ik_node.replay.bitwise import Comparison, replay
 from ik_node.replay.call_source import RecordingSource
-from ik_node.robot.frames import answer_text
+from ik_node.robot.frames import transform_text
 from ik_node.settings.groups import METHOD_NAMES
 from ik_node.trajectory.shapes import figure_of_eight
 
@@ -84,11 +85,12 @@ def eventful(loop: Loop) -> None:
     with pytest.raises(TargetRefused):
         loop.target(np.eye(4), frame_id="nowhere")
     turned = (0.1, 0.2, 0.3, 0.0, 0.0, np.sin(0.3), np.cos(0.3))
-    controller.on_transform(answer_text("camera", turned[:3], turned[3:]), loop.now)
+    controller.on_transform(transform_text("camera", turned[:3], turned[3:]), loop.now)
     in_camera = se3.inverse(se3.pose_from(turned[:3], turned[3:])) @ loop.pose()
     loop.target(in_camera, frame_id="camera")
     controller.on_publishers("2 publishers on target_pose", loop.now)
     loop.run(0.1)
+    controller.on_publishers("", loop.now)
     for _ in range(15):  # silence
         loop.time_ns += 10_000_000
         loop.take(controller.on_clock(loop.now))
@@ -275,7 +277,7 @@ def ik_replay(*arguments: str | Path, **environment: str) -> tuple[int, dict[str
     """Exit code, figures and what was said on the side."""
     command = [sys.executable, "-m", "ik_node.cli.replay", *map(str, arguments), "--json"]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, check=False, env={**os.environ, **environment}
+        command, capture_output=True, text=True, timeout=ENOUGH_S, check=False, env={**os.environ, **environment}
     )
     return done.returncode, json.loads(done.stdout) if done.stdout else {}, done.stderr
 
@@ -340,7 +342,9 @@ def test_what_cannot_be_replayed_gives_exit_code_2_and_a_reason(tmp_path: Path) 
 def test_a_run_of_the_node_comes_out_the_same(tmp_path: Path) -> None:
     """Real processes, DDS, real time: whatever the timing was, the replay has it."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
-    out = tmp_path / "run"
+    out, poses = tmp_path / "run", tmp_path / "poses.csv"
+    lines = [f"{0.02 * number},0,{0.05 * np.sin(0.06 * number)},0,0,0,0,1" for number in range(101)]
+    poses.write_text("\n".join(["time,x,y,z,qx,qy,qz,qw", *lines]))
     command = [
         sys.executable,
         "-m",
@@ -350,9 +354,11 @@ def test_a_run_of_the_node_comes_out_the_same(tmp_path: Path) -> None:
         str(out),
         "--method",
         "gravity_gradient",
+        "--trajectory",
+        str(poses),
+        "--relative",
     ]
-    environment = {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=ENOUGH_S, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     code, figures, said = ik_replay(out / "bag")
     assert code == 0, said

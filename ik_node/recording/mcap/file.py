@@ -1,8 +1,8 @@
-"""One MCAP file as rosbag2 writes it, chunk by chunk.
+"""One MCAP file in the layout of rosbag2, written chunk by chunk.
 
-The `mcap` library packs every message in Python, in whichever thread calls it. Here a message is packed once, where it
-is queued, and a chunk is then joined, checked, compressed and written by C code that lets go of the interpreter: the
-thread that writes hardly ever stands in the way of the control loop. All other records are the library's.
+The `mcap` library packs every message in Python in the calling thread. Here a message is packed once when it is queued;
+the chunk is then joined, checksummed, compressed and written by C code that releases the interpreter lock, so the
+writing thread hardly delays the control loop. All other records are packed by the library.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
     "lz4": lambda data: bytes(lz4.frame.compress(data)),
     "zstd": lambda data: zstandard.compress(data, 1),
 }
-"""Name -> what turns a chunk into its compressed form."""
+"""Name -> compression of a chunk."""
 
 
 class PendingChunk:
-    """Messages on their way to the file, packed. Filled by one thread, then handed to another."""
+    """Packed messages of the next chunk; filled by one thread, then passed to another."""
 
     def __init__(self) -> None:
         self.size = 0
-        """Bytes of all records."""
+        """Size of all records in bytes."""
         self.count = 0
         self._pieces: list[bytes] = []
         self._index: dict[int, array[int]] = {}
@@ -76,7 +76,7 @@ class PendingChunk:
         self.count += 1
 
     def records(self) -> bytes:
-        """All message records, one after the other."""
+        """The concatenated message records."""
         return b"".join(self._pieces)
 
     def index(self) -> dict[int, array[int]]:
@@ -91,20 +91,20 @@ class PendingChunk:
 
 @dataclass
 class Content:
-    """What a file holds so far."""
+    """Content of a file so far."""
 
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     chunk_count: int = 0
     chunk_index: bytearray = field(default_factory=bytearray)
-    """Index records of all chunks, packed: of a day's recording there are a million."""
+    """Packed index records of all chunks; one day of recording has a million."""
     metadata: list[MetadataIndex] = field(default_factory=list)
     start_ns: int = MAX_TIME_NS
     end_ns: int = 0
 
     def add_chunk(self, index: ChunkIndex) -> None:
-        """Takes a chunk into account, but for its messages' counts."""
+        """Adds a chunk, without the counts of its messages."""
         self.chunk_count += 1
         self.chunk_index += _packed(index)
         self.start_ns = min(self.start_ns, index.message_start_time)
@@ -121,7 +121,7 @@ class Content:
 
 
 class ChannelInfo(NamedTuple):
-    """What a file must say of a topic."""
+    """Description of a topic in a file."""
 
     topic: str
     type_name: str
@@ -130,9 +130,9 @@ class ChannelInfo(NamedTuple):
 
 
 class McapFile:
-    """A file being written; OSError from any method is the caller's to deal with.
+    """A file being written; every method may raise OSError.
 
-    It is locked meanwhile, so that nobody repairs it.
+    The file is locked meanwhile, so that it is not repaired.
     """
 
     def __init__(self, path: Path, mode: str, content: Content, size: int) -> None:
@@ -152,26 +152,29 @@ class McapFile:
 
     @classmethod
     def create(cls, path: Path, library: str, compression: str) -> McapFile:
-        """A new file; ``path`` must not exist. ``compression`` is a key of :data:`COMPRESSORS`."""
-        made = cls(path, "xb", Content(), 0)
-        made._compression = "" if compression == "none" else compression
-        made._compress = COMPRESSORS[compression]
-        made._put(MAGIC + _packed(Header(PROFILE, library)))
-        return made
+        """Creates a file; ``path`` must not exist. ``compression`` is a key of :data:`COMPRESSORS`."""
+        file = cls(path, "xb", Content(), 0)
+        file._compression = "" if compression == "none" else compression
+        file._compress = COMPRESSORS[compression]
+        file._put(MAGIC + _packed(Header(PROFILE, library)))
+        return file
 
     @classmethod
     def resume(cls, path: Path, content: Content, size: int) -> McapFile:
-        """Goes on with a file whose data section is whole up to ``size`` bytes and holds ``content``.
+        """Opens a file to complete it; raises BlockingIOError when it is being written.
 
-        What stands behind is cut off. BlockingIOError when somebody is writing it.
+        Args:
+            path: The file.
+            content: Content of its data section.
+            size: Size up to which the data section is valid; the rest is cut off.
         """
-        found = cls(path, "r+b", content, size)
-        found._file.truncate(size)
-        found._file.seek(size)
-        return found
+        file = cls(path, "r+b", content, size)
+        file._file.truncate(size)
+        file._file.seek(size)
+        return file
 
     def add_channel(self, info: ChannelInfo) -> None:
-        """The channel's id is its running number, from 1."""
+        """Writes a channel; ids are consecutive from 1."""
         content = self.content
         schema = next((entry for entry in content.schemas if entry.name == info.type_name), None)
         records = b""
@@ -193,7 +196,7 @@ class McapFile:
         self._put(records + _packed(channel))
 
     def add_chunk(self, pending: PendingChunk) -> None:
-        """Writes the chunk and its message indexes in one go; an empty one is left out."""
+        """Writes a chunk with its message indexes in one call; an empty chunk is skipped."""
         if not pending.count:
             return
         records = pending.records()
@@ -237,7 +240,7 @@ class McapFile:
         )
 
     def add_indexes(self, indexes: Mapping[int, array[int]]) -> dict[int, int]:
-        """Message indexes of the chunk that stands last; returns where they stand. For a file that is repaired."""
+        """Writes message indexes of the last chunk during a repair; returns channel -> offset."""
         offsets = {}
         for channel, entries in indexes.items():
             offsets[channel] = self.size
@@ -245,7 +248,7 @@ class McapFile:
         return offsets
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """A metadata record."""
+        """Writes a metadata record."""
         record = _packed(Metadata(name=name, metadata=dict(values)))
         self.content.metadata.append(MetadataIndex(offset=self.size, length=len(record), name=name))
         self._put(record)
@@ -262,7 +265,7 @@ class McapFile:
         self._file.close()
 
     def _put(self, data: bytes) -> None:
-        """All or nothing: what a full disk cut off is taken back, so that the file ends with a whole record."""
+        """Writes all bytes or none: after an error the file is truncated to its last complete record."""
         view = memoryview(data)
         try:
             while view:
@@ -286,7 +289,7 @@ def _index_record(channel: int, entries: array[int]) -> bytes:
 
 
 def _summary(content: Content, begin: int) -> bytes:
-    """Schemas, channels, statistics, indexes and the footer, for a summary section that begins at ``begin``."""
+    """Schemas, channels, statistics, indexes and footer of a summary section at offset ``begin``."""
     statistics = Statistics(
         attachment_count=0,
         channel_count=len(content.channels),

@@ -1,7 +1,7 @@
-"""What rosbag2 wants to know of a bag beside its messages: ``metadata.yaml`` (version 9 of the format) and QoS as text.
+"""``metadata.yaml`` of a rosbag2 recording (version 9) and QoS profiles as text.
 
-QoS and type hash stand in two places, the file's channel and ``metadata.yaml``. They must agree to the letter, or
-readers skip the topic without a word, so both are made here.
+QoS and type hash are stored twice, in the channel and in ``metadata.yaml``. They must be equal, otherwise readers skip
+the topic without an error, so both are generated here.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ STORAGE = "mcap"
 DISTRO = "jazzy"
 METADATA_FILE = "metadata.yaml"
 RECORD_NAME = "rosbag2"
-"""Name of the metadata record inside each file that repeats ``metadata.yaml``."""
+"""Name of the metadata record in each file that repeats ``metadata.yaml``."""
 ROOT = "rosbag2_bagfile_information"
 DROPPED, REPAIRED = "dropped", "repaired"
-"""Keys of ``custom_data``: messages that were left out, and what a repair took away."""
+"""Keys of ``custom_data``: number of messages left out, and what a repair removed."""
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
 class Qos(NamedTuple):
-    """What a publisher offers, as far as the bag says it."""
+    """Offered QoS of a publisher, as far as a bag stores it."""
 
     depth: int = 10
     reliable: bool = True
     latched: bool = False
-    """Transient local: a late subscriber still gets the last message."""
+    """Transient local: a late subscriber receives the last message."""
 
 
 class PartInfo(NamedTuple):
@@ -46,7 +46,7 @@ class PartInfo(NamedTuple):
 
 
 def qos_profile(qos: Qos) -> dict[str, Any]:
-    """The profile as rosbag2's YAML spells it."""
+    """The profile in the YAML of rosbag2."""
     return {
         "history": "keep_last",
         "depth": qos.depth,
@@ -61,7 +61,7 @@ def qos_profile(qos: Qos) -> dict[str, Any]:
 
 
 def describe_topic(name: str, type_name: str, qos: Qos) -> ChannelInfo:
-    """What a bag says of a topic; TypesysError when the type is not one of ROS 2 Jazzy's."""
+    """Describes a topic; raises TypesysError when the type is not in ROS 2 Jazzy's common interfaces."""
     definition, _ = STORE.generate_msgdef(type_name, ros_version=2)
     metadata = {
         "offered_qos_profiles": _qos_text(qos),
@@ -77,7 +77,7 @@ def _qos_text(qos: Qos) -> str:
 
 @lru_cache
 def _profiles(text: str) -> list[Any]:
-    """A channel's QoS; none where it has none that can be read."""
+    """QoS profiles of a channel; empty when they cannot be parsed."""
     try:
         profiles = yaml.safe_load(text)
     except yaml.YAMLError:
@@ -86,7 +86,12 @@ def _profiles(text: str) -> list[Any]:
 
 
 def bag_metadata(parts: Sequence[PartInfo], custom: Mapping[str, str]) -> dict[str, Any]:
-    """The content of ``metadata.yaml`` below its root key, for these files."""
+    """The content of ``metadata.yaml`` below its root key.
+
+    Args:
+        parts: Files in their order.
+        custom: ``custom_data``.
+    """
     filled = [part.content for part in parts if part.content.message_count]
     start_ns = min((content.start_ns for content in filled), default=0)
     end_ns = max((content.end_ns for content in filled), default=0)
@@ -115,15 +120,15 @@ def bag_metadata(parts: Sequence[PartInfo], custom: Mapping[str, str]) -> dict[s
 
 
 def write_metadata(directory: Path, metadata: Mapping[str, Any]) -> None:
-    """Writes ``metadata.yaml``, all of it or nothing; OSError where it cannot be written."""
-    whole = directory / METADATA_FILE
-    unfinished = whole.with_suffix(".tmp")
-    unfinished.write_text(_yaml({ROOT: metadata}))
-    unfinished.replace(whole)
+    """Writes ``metadata.yaml`` atomically; raises OSError when it cannot be written."""
+    path = directory / METADATA_FILE
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(_yaml({ROOT: metadata}))
+    temporary.replace(path)
 
 
 def metadata_record(metadata: Mapping[str, Any]) -> dict[str, str]:
-    """The values of the metadata record that rosbag2 puts into each file."""
+    """The values of the metadata record in each file."""
     return {"serialized_metadata": _yaml(metadata)}
 
 
@@ -149,7 +154,7 @@ def _file(part: PartInfo) -> dict[str, Any]:
 
 
 class _Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """Writes equal parts out instead of referring to them: YAML anchors are lost on some readers."""
+    """Writes repeated values in full: some readers do not support YAML anchors."""
 
     def ignore_aliases(self, data: Any) -> bool:
         del data

@@ -1,7 +1,7 @@
-"""Makes a recording whole that was cut off: a killed process leaves a file without index, and no ``metadata.yaml``.
+"""Repair of recordings that were cut off: a killed process leaves a file without index and no ``metadata.yaml``.
 
-A file is repaired in place, since what is whole in it stays as it is: behind the last whole record come the indexes
-that are missing. When a repair is cut off itself, the next one does the same again.
+A file is repaired in place: its complete records stay, and the missing indexes are appended after the last of them. A
+repair that was interrupted can be repeated.
 """
 
 from __future__ import annotations
@@ -37,39 +37,46 @@ from ik_node.recording.mcap.scan import (
 )
 
 _LEAST_ZEROS, _MOST_ZEROS = 512, 1 << 26
-"""File systems fill up whole blocks; so many zeros in a row are no record's own."""
+"""File systems fill blocks with zeros after a power cut; records contain no runs of this length."""
 
 
 class PartRepair(NamedTuple):
-    """What was found in one file, and done."""
+    """Result for one file."""
 
     name: str
     messages: int
-    """That it holds."""
+    """Number of messages in the file."""
     end_ns: int
-    """Newest of them, ROS time; 0 where there is none."""
+    """ROS time of the last message; 0 for none."""
     removed_bytes: int
-    """Of a record that was being written when the writer died."""
-    was_whole: bool
+    """Size of the unfinished last record."""
+    was_complete: bool
     missing: int
-    """Messages that its writer had to leave out, by the gaps in their sequence numbers; files of ours only."""
+    """Messages left out by the writer, from gaps in their sequence numbers; only for files of this package."""
 
 
 class Repair(NamedTuple):
-    """What was found in a recording, and done."""
+    """Result for a recording."""
 
     parts: tuple[PartRepair, ...]
     ignored: tuple[str, ...]
-    """Files that hold nothing, not even their beginning."""
-    was_whole: bool
-    """Nothing was missing, and nothing was looked at or changed."""
+    """Empty files."""
+    was_complete: bool
+    """The recording was complete; nothing was changed."""
 
 
 def repair(path: Path) -> Repair:
-    """Makes the recording at ``path``, a folder or one file, whole.
+    """Completes a recording that was cut off.
 
-    Raises RecordingError when it is no recording, is being written, cannot be written, or is damaged elsewhere than at
-    its end; damaged files stay as they are.
+    Args:
+        path: Folder or file.
+
+    Returns:
+        What was repaired.
+
+    Raises:
+        RecordingError: ``path`` is no recording, is being written, cannot be written, or is damaged elsewhere than at
+            its end; damaged files are not changed.
     """
     files = part_files(path)
     ignored = [file for file in files if file.stat().st_size <= len(MAGIC)]
@@ -77,7 +84,7 @@ def repair(path: Path) -> Repair:
     if files and Recording(path).complete:
         return Repair((), (), True)
     if not files:
-        raise RecordingError(f"'{path}' holds nothing that could be repaired")
+        raise RecordingError(f"'{path}' contains nothing that can be repaired")
     custom: dict[str, str] = {}
     done: list[PartRepair] = []
     contents: list[PartInfo] = []
@@ -85,8 +92,8 @@ def repair(path: Path) -> Repair:
         for file in files:
             scan = _Scan(file)
             custom |= scan.custom
-            done.append(_found(scan))
-            if not scan.whole:
+            done.append(_part_repair(scan))
+            if not scan.complete:
                 _complete(scan)
             contents.append(PartInfo(file.name, scan.content))
         if path.is_dir():
@@ -95,29 +102,29 @@ def repair(path: Path) -> Repair:
             custom[REPAIRED] = f"{removed} bytes of an unfinished record removed"
             write_metadata(path, bag_metadata(contents, custom))
     except BlockingIOError as error:
-        raise RecordingError(f"'{path}' is being written; it is left alone") from error
+        raise RecordingError(f"'{path}' is being written and was not changed") from error
     except OSError as error:
         raise RecordingError(f"'{path}' cannot be repaired: {error.strerror}") from error
     return Repair(tuple(done), tuple(file.name for file in ignored), False)
 
 
-def _found(scan: _Scan) -> PartRepair:
+def _part_repair(scan: _Scan) -> PartRepair:
     content = scan.content
     return PartRepair(
         scan.path.name,
         content.message_count,
         content.end_ns,
-        0 if scan.whole else scan.path.stat().st_size - scan.size,
-        scan.whole,
+        0 if scan.complete else scan.path.stat().st_size - scan.size,
+        scan.complete,
         scan.missing if RECORD_NAME in scan.records_named and "ik_node" in scan.custom else 0,
     )
 
 
 def _complete(scan: _Scan) -> None:
-    """Appends what is missing behind the last whole record."""
+    """Appends the missing records after the last complete one."""
     file = McapFile.resume(scan.path, scan.content, scan.size)
     scan.end_chunk(file)
-    values = {**scan.custom, REPAIRED: "index written anew"}
+    values = {**scan.custom, REPAIRED: "index rebuilt"}
     file.add_metadata(RECORD_NAME, metadata_record(bag_metadata([PartInfo(scan.path.name, scan.content)], values)))
     file.finish()
 
@@ -130,23 +137,23 @@ class _OpenChunk:
     length: int
     chunk: Chunk
     indexes: dict[int, array[int]]
-    """Channel -> log time, offset, ...: what its messages are."""
+    """Channel -> log time, offset, log time, offset, ..."""
     offsets: dict[int, int] = field(default_factory=dict)
-    """Channel -> where its message index stands."""
+    """Channel -> offset of its message index."""
     end: int = 0
-    """Of the last message index."""
+    """End of the last message index."""
 
 
 class _Scan:
-    """Everything in a file that is whole, from front to back."""
+    """The complete records of a file."""
 
     def __init__(self, path: Path) -> None:
-        """RecordingError when it is no MCAP file, or damaged before its end."""
+        """Raises RecordingError when it is no MCAP file, or damaged before its end."""
         self.path = path
         self.content = Content()
         self.size = len(MAGIC)
-        """Up to where it is whole."""
-        self.whole = False
+        """Size up to the last complete record."""
+        self.complete = False
         self.custom: dict[str, str] = {}
         self.records_named: set[str] = set()
         self.missing = 0
@@ -161,7 +168,7 @@ class _Scan:
             raise RecordingError(f"'{path}' cannot be read: {error.strerror}") from error
 
     def end_chunk(self, file: McapFile | None) -> None:
-        """No message index of the last chunk follows; those that are missing are added to ``file``."""
+        """Ends the last chunk, of which no further index follows; missing indexes are written to ``file``."""
         last, self._open = self._open, None
         if last is None:
             return
@@ -195,7 +202,7 @@ class _Scan:
             if opcode == 0 or (opcode != Opcode.CHUNK and end > written):  # only chunks have a checksum
                 break
             if opcode == Opcode.DATA_END:
-                self.whole = has_footer
+                self.complete = has_footer
                 break
             try:
                 self._add_record(opcode, record)
@@ -203,11 +210,11 @@ class _Scan:
                 self._raise_if_more_follows(stream, size, len(record), error)
                 break
             self.size += len(record)
-        if self.whole:
+        if self.complete:
             self.end_chunk(None)
 
     def _raise_if_more_follows(self, stream: BinaryIO, size: int, length: int, error: Exception) -> None:
-        """A record that cannot be read stands at the end of a file that was cut off, and nowhere else."""
+        """Raises RecordingError unless the damaged record is the last one, as in a file that was cut off."""
         opening = stream.read(OPENING.size)
         if len(opening) == OPENING.size:
             opcode, next_length = OPENING.unpack(opening)
@@ -261,7 +268,7 @@ class _Scan:
 
 
 def _size_without_zeros(stream: BinaryIO, size: int) -> int:
-    """Where a power cut may have left zeros instead of what was written: a long run of them at the end."""
+    """Size without the zeros that a power cut may leave at the end."""
     stream.seek(max(0, size - _MOST_ZEROS))
     end = stream.read()
     zeros = len(end) - len(end.rstrip(b"\0"))
@@ -269,7 +276,7 @@ def _size_without_zeros(stream: BinaryIO, size: int) -> int:
 
 
 def _custom(text: str) -> dict[str, str]:
-    """``custom_data`` of the metadata record that a writer of bags puts into its files."""
+    """``custom_data`` in the metadata record of a file."""
     try:
         metadata: Any = yaml.safe_load(text)
         return {str(key): str(value) for key, value in (metadata["custom_data"] or {}).items()}

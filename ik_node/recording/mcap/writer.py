@@ -1,10 +1,10 @@
-"""Writes a rosbag2-style MCAP directory, usually from a thread of its own.
+"""Writes a rosbag2-style MCAP directory, by default in a separate thread.
 
-The control loop calls :meth:`Recorder.write`, which packs the message and returns; it never waits for the disk and
-never raises. Every :attr:`RecorderOptions.flush_period_s` the thread takes what has gathered and writes it as one
-chunk, so that is all a killed process loses. When the disk cannot keep up the queue fills, and further messages are
-counted and left out. Without a thread (:attr:`RecorderOptions.own_thread`), whoever writes says when: a program that
-does not run in real time, and whose recording is to have the same chunks every time.
+The control loop calls :meth:`Recorder.write`, which packs and queues the message; it neither waits for the disk nor
+raises. Every :attr:`RecorderOptions.flush_period_s` the thread writes the queued messages as one chunk, which limits
+what a killed process loses. When the disk is too slow the queue fills, and further messages are counted and left out.
+Without a thread (:attr:`RecorderOptions.own_thread`) the caller decides when the file is written, for programs that do
+not run in real time and need reproducible chunks.
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ CLOSE_TIMEOUT_S = 20.0
 
 
 class RecorderOptions(NamedTuple):
-    """How a recording is written."""
+    """Options of a recording."""
 
     compression: str = "zstd"
     """A key of :data:`ik_node.recording.mcap.file.COMPRESSORS`."""
     flush_period_s: float = 0.1
-    """How often what has gathered goes to the file."""
+    """Period at which queued messages are written to the file."""
     queue_mb: float = 32.0
-    """Memory for messages that wait for the disk."""
+    """Maximum size of the messages waiting for the disk."""
     max_part_mb: float = 0.0
-    """Size from which a new file is due; 0: never."""
+    """Size at which a new file is due; 0: never."""
     max_part_s: float = 0.0
-    """Duration from which a new file is due; 0: never."""
+    """Duration at which a new file is due; 0: never."""
     own_thread: bool = True
-    """False: the file is written in :meth:`Recorder.write_pending` and :meth:`Recorder.close`, by who calls them."""
+    """False: the file is written only in :meth:`Recorder.write_pending` and :meth:`Recorder.close`."""
 
 
 class _Latched(NamedTuple):
@@ -66,18 +66,18 @@ class _Latched(NamedTuple):
 
 @dataclass
 class _Batch:
-    """What the thread takes at once: new topics, then messages."""
+    """Unit of work of the thread: new topics, then messages."""
 
     topics: list[ChannelInfo] = field(default_factory=list)
     chunk: PendingChunk = field(default_factory=PendingChunk)
     data_size: int = 0
     begins_part: bool = False
     latched: dict[int, _Latched] = field(default_factory=dict)
-    """At the beginning of a part: channel -> last message before it."""
+    """At the start of a file: channel -> last message before it."""
 
 
 class Recorder:
-    """A recording in progress."""
+    """Writer of one recording."""
 
     def __init__(
         self, directory: Path, options: RecorderOptions | None = None, custom: Mapping[str, str] | None = None
@@ -120,7 +120,7 @@ class Recorder:
     # --- called by the control loop ---
 
     def channel(self, topic: str, type_name: str, qos: Qos | None = None) -> int:
-        """The number under which messages of ``topic`` are written; to be asked for once, before the first one.
+        """Registers a topic and returns its channel number; to be called once per topic, before its first message.
 
         Raises RecordingError when the type is not among ROS 2 Jazzy's common interfaces.
         """
@@ -138,12 +138,12 @@ class Recorder:
         return number
 
     def write(self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int = 0, sequence: int = 0) -> bool:
-        """Queues a message; False, and counted, when it had to be left out.
+        """Queues a message; returns False and counts it when it was left out.
 
         ``log_time_ns`` is when it was received or made, ``publish_time_ns`` when its source sent it (0: the same), both
         in ROS time. ``sequence`` is the source's running number.
         """
-        log_time_ns = max(log_time_ns, 1)  # simulated time starts at 0, which readers take for "no time"
+        log_time_ns = max(log_time_ns, 1)  # simulated time starts at 0, which readers interpret as no time
         publish_time_ns = publish_time_ns if publish_time_ns > 0 else log_time_ns
         size = len(data)
         with self._lock:
@@ -162,18 +162,18 @@ class Recorder:
         return True
 
     def split(self) -> None:
-        """Begins a new file with the next message; the last message of each latched topic is repeated at its head."""
+        """Starts a new file with the next message and repeats the last message of each latched topic in it."""
         with self._lock:
             self._split_due = False
             self._full.append(self._filling)
             self._filling = _Batch(begins_part=True, latched=dict(self._latched))
 
     def end(self) -> None:
-        """Takes no more messages and returns at once; the thread makes the recording whole. See :attr:`ended`."""
+        """Accepts no more messages and returns at once; the thread completes the files. See :attr:`ended`."""
         self._closing.set()
 
     def close(self) -> None:
-        """As :meth:`end`, but waits for queued messages, index and ``metadata.yaml``; harmless when called again."""
+        """As :meth:`end`, but waits for queued messages, index and ``metadata.yaml``; may be called repeatedly."""
         self.end()
         if self._thread is None:
             self._finish()
@@ -183,31 +183,31 @@ class Recorder:
             self._error = f"recording '{self.directory}' was not finished within {CLOSE_TIMEOUT_S:g} s"
 
     def write_pending(self) -> None:
-        """Writes what has gathered, as one chunk or more; does nothing where a thread does it, or after the end."""
+        """Writes the queued messages as one or more chunks; no effect with a thread or after the end."""
         if self._thread is None:
             self._write_what_gathered()
 
     @property
     def dropped(self) -> int:
-        """Messages left out so far."""
+        """Number of messages left out so far."""
         return self._dropped
 
     @property
     def error(self) -> str:
-        """Why writing has ended, or empty; what was written until then stays readable."""
+        """Why writing ended early; empty for none. What was written before remains readable."""
         return self._error
 
     @property
     def ended(self) -> bool:
-        """True when there is nothing left to do: the recording is whole, or has failed."""
+        """True when the files are complete or writing has failed."""
         return self._finished if self._thread is None else not self._thread.is_alive()
 
     @property
     def split_due(self) -> bool:
-        """True when a part has reached its size or duration: :meth:`split` is to be called at a moment that suits."""
+        """True when a file has reached its size or duration, so that :meth:`split` should be called."""
         return self._split_due
 
-    # --- the thread, or who writes without one ---
+    # --- called by the thread, or by the caller without a thread ---
 
     def _run(self) -> None:
         while not (self._closing.wait(self.options.flush_period_s) or self._finished):
@@ -220,7 +220,7 @@ class Recorder:
                 self._write_queued()
 
     def _finish(self) -> None:
-        """Makes the recording whole, unless that was done or has failed."""
+        """Completes the files, unless that was done or has failed."""
         if not self._finished:
             with self._giving_up_on_errors():
                 self._write_queued()
@@ -234,7 +234,7 @@ class Recorder:
             yield
         except OSError as error:
             self._give_up(f"recording '{self.directory}' has ended: {error.strerror}")
-        except Exception as error:  # a defect here must be seen, and must not leave a queue that nobody empties
+        except Exception as error:  # a defect is reported, and the queue does not grow without bound
             self._give_up(f"recording '{self.directory}' has ended: {type(error).__name__}: {error}")
 
     def _write_queued(self) -> None:
@@ -286,7 +286,7 @@ class Recorder:
         return bag_metadata(parts, {**self._custom, DROPPED: str(self._dropped)})
 
     def _give_up(self, reason: str) -> None:
-        """Ends the recording as whole as the disk still lets it."""
+        """Ends the recording after an error; completes the files if the disk permits."""
         self._finished = True
         with self._lock:
             self._error = reason
@@ -301,7 +301,7 @@ class Recorder:
 
 
 def _repeated(latched: Mapping[int, _Latched], log_time_ns: int) -> PendingChunk:
-    """The last message of each latched topic as a chunk of its own."""
+    """A chunk with the last message of each latched topic."""
     chunk = PendingChunk()
     for channel, message in latched.items():
         chunk.add(channel, message.sequence, log_time_ns, message.publish_time_ns, message.data)

@@ -1,32 +1,32 @@
-"""The optimum under limits: the problem of ``resolution`` with a box on qd and dampers, answered on every input.
+"""Differential inverse kinematics under limits: the problem of ``closed_form`` with bounds on qd and velocity dampers.
 
 ::
 
     minimise    1/2 qd' W qd + k grad_h' qd
     subject to  J qd = J qd_0 + (s - s_0) V_f ,      s in [s_0, 1] as large as possible
-                lo <= qd <= hi                       velocity, position and acceleration limits of this tick
-                N qd >= c                            approach dampers, if there are any
+                lo <= qd <= hi                       velocity, position and acceleration limits of this control step
+                N qd >= c                            velocity dampers, if there are any
 
-qd_0 is the point of the box (and of the dampers) nearest to the ray of joint velocities that move the tool along V_f:
-that of the smallest norm of J qd - s V_f, s in [0, 1]. Where the box contains rest, qd_0 = 0, s_0 = 0 and the
-constraint is J qd = s V_f. Where it does not (an arm that moves cannot stop within a tick) the tool still moves along
-V_f, slower, whenever the box lets it, and otherwise as nearly so as it can. (A base nearest to rest instead shrinks
-every joint by the same acceleration at every tick, and a tool that is slowed down by a limit leaves its path: by 12
+qd_0 is the point inside box and dampers that is nearest to the ray of joint velocities that move the tool along V_f:
+the one of least ||J qd - s V_f||, s in [0, 1]. If the box contains zero, qd_0 = 0, s_0 = 0, and the constraint is
+J qd = s V_f. If it does not (a moving arm cannot stop within one control step), the tool still moves along V_f, but
+slower, if the box permits it, and otherwise along the nearest direction. (With the point nearest to zero velocity as
+qd_0, all joints decelerate equally at each control step, and a tool that a limit slows down leaves its path, by 12
 degrees in a test.)
 
-While nothing binds the answer is that of :func:`ik_node.differential_ik.closed_form.resolve`. Otherwise it is found in two stages, after
-the singular value decomposition of J has turned the equality into qd = qd_0 + (s - s_0) p + Z' z, with Z a basis of the
-null space of J (rows):
+If no constraint binds, the solution is that of :func:`ik_node.differential_ik.closed_form.resolve`. Otherwise the
+singular value decomposition of J turns the equality into qd = qd_0 + (s - s_0) p + Z' z, with Z a basis of the null
+space of J (rows), and there are two stages:
 
-1. s, a linear program in (s, z);
-2. z for that s, a quadratic program in the null space alone.
+1. s: a linear program in (s, z);
+2. z at that s: a quadratic program in the null space.
 
-Without a null space the first is a smallest ratio, with one dimension it is a pairwise elimination of z; both are exact
-and there is no solver to fail. Two and more dimensions go to DAQP (Arnstroem, Bemporad, Axehill, IEEE TAC 2022), whose
-answers are checked here; where one does not pass, the closed form is shortened towards qd_0 until it fits.
+Null spaces of dimension 0 and 1 are solved exactly (:mod:`ik_node.differential_ik.exact_program`), larger ones by DAQP
+(:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
+is shortened towards qd_0 until it fits.
 
-When constraints conflict they give way in this order, each by the least amount: the cost, s, the dampers. The box does
-not: it is made so that it is never empty (:mod:`ik_node.robot.joint_limits`).
+When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the dampers. The box is
+never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from numpy.typing import NDArray
 
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
-from ik_node.differential_ik.closed_form import IDENTITY, Resolution, resolve
+from ik_node.differential_ik.closed_form import IDENTITY, ClosedFormSolution, resolve
 from ik_node.differential_ik.exact_program import (
     BINDING,
     DAMPER_BINDING,
     ROUNDING,
-    Found,
-    Line,
-    at_the_base,
+    ProgramSolution,
+    TaskLine,
     cost_along,
-    line_of,
+    feasible_at_base,
     program_along,
-    search,
     smallest_ratio,
+    solve_exactly,
+    task_line,
     unit_rows,
 )
 from ik_node.errors import InputError
@@ -61,13 +61,13 @@ from ik_node.robot.joint_limits import JointBounds, cause
 Flags = NDArray[np.bool_]
 
 
-class Bounded(NamedTuple):
-    """The optimum, and what it had to give up."""
+class ConstrainedSolution(NamedTuple):
+    """The optimum under limits, and the constraints that are active or relaxed."""
 
     joint_velocity: Array
-    """qd, (n,): within the box to the last bit."""
-    scale: float
-    """s: the part of V_f that is done."""
+    """qd, (n,), rad/s (m/s): exactly within the box."""
+    task_scale: float
+    """s: the fraction of V_f that is executed."""
     base_velocity: Array
     """qd_0, (n,)."""
     base_scale: float
@@ -75,30 +75,32 @@ class Bounded(NamedTuple):
     attained: Array
     """J qd, (m,)."""
     at_lower: Flags
-    """Joints at the lower end of the box, (n,), bool; all False where nothing binds."""
+    """Joints at the lower end of the box, (n,); all False if no constraint binds."""
     at_upper: Flags
-    """Joints at the upper end of the box, (n,), bool; all False where nothing binds."""
+    """Joints at the upper end of the box, (n,); all False if no constraint binds."""
     damper_active: Flags
-    """Dampers that bind, (k,), bool."""
+    """Dampers that bind, (k,)."""
     damper_slack: Array
-    """By how much each damper gave way to the box, (k,), m/s; 0 nearly always."""
+    """By how much each damper was relaxed, (k,), m/s; 0 nearly always."""
     fallback: bool
-    """True where the solver's answer was not good enough and the shortened closed form was taken."""
-    unbounded: Resolution
-    """The closed form without the box: singular values, rank, multiplier, the gain that was used."""
+    """True if the solver's answer failed its check and the closed form was shortened."""
+    unconstrained: ClosedFormSolution
+    """The closed form without box and dampers: singular values, rank, multiplier, the gain that was used."""
 
     @property
     def binds(self) -> bool:
-        """True where a limit or a damper changed the answer."""
+        """True if a limit or a damper changed the solution."""
         return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
 
-    def binding(self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None) -> tuple[str, ...]:
-        """What bound, by name: ``velocity panda_joint4``, ``acceleration ...``, ``position ...``, ``damper ...``."""
+    def binding(
+        self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None
+    ) -> tuple[str, ...]:
+        """Names of the active constraints, such as ``velocity panda_joint4`` or ``damper panda_link7 - post``."""
         names = () if dampers is None else dampers.names
-        return names_of_binding(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
+        return binding_names(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
 
 
-def names_of_binding(
+def binding_names(
     at_lower: Flags,
     at_upper: Flags,
     damper_active: Flags,
@@ -106,7 +108,11 @@ def names_of_binding(
     joints: tuple[str, ...],
     dampers: tuple[str, ...],
 ) -> tuple[str, ...]:
-    """What bound, by name; of a joint whose box is a point, the lower side."""
+    """Names of the active constraints: ``velocity``, ``acceleration`` or ``position`` and a joint, ``damper`` and a
+    pair.
+
+    For a joint whose box is a single point the limit of the lower end is named.
+    """
     sides = enumerate(zip(at_lower.tolist(), at_upper.tolist(), strict=True))
     names = [f"{cause(bounds, joint, not low)} {joints[joint]}" for joint, (low, high) in sides if low or high]
     names += [f"damper {name}" for name, active in zip(dampers, damper_active.tolist(), strict=False) if active]
@@ -125,25 +131,38 @@ def solve(
     row_scale: Array | None = None,
     null_space_cap: Array | None = None,
     dampers: VelocityDampers | None = None,
-    free: Resolution | None = None,
-    parts: Decomposition | None = None,
-) -> Bounded:
-    """The optimum of the module's problem. Arguments as in :func:`ik_node.differential_ik.closed_form.resolve`, unchecked, and the box.
+    unconstrained: ClosedFormSolution | None = None,
+    svd: Decomposition | None = None,
+) -> ConstrainedSolution:
+    """Joint velocities for a twist under limits: the optimum of the module's problem.
 
-    ``jacobian`` J (m, n), ``twist`` V_f (m,) in one frame; ``lo``, ``hi`` (n,), lo <= hi, rad/s (m/s), may be infinite;
-    ``gradient`` grad_h (n,), ``gain`` k in s, lowered until no joint's part of the null-space velocity exceeds
-    ``null_space_cap``. V_f is projected on the range of J where it does not lie in it. ``free`` and ``parts``, where
-    the caller has them: the answer without the box, and the decomposition of J with its rows times ``row_scale``.
+    Args:
+        jacobian: J, (m, n).
+        twist: V_f, (m,), in the frame of J, m/s and rad/s; projected onto the range of J if it is not in it.
+        lo: Lower bounds of the joint velocities, (n,), rad/s (m/s); may be -inf.
+        hi: Upper bounds, (n,), hi >= lo; may be inf.
+        weight: W, (n, n), symmetric positive definite; None is the identity.
+        gradient: grad_h, (n,), N m (N); None is zero.
+        gain: k, s; lowered until the null-space velocity is within ``null_space_cap``.
+        row_scale: Factors of the rows of J, (m,), > 0, as in :func:`ik_node.differential_ik.closed_form.resolve`.
+        null_space_cap: Largest null-space velocity of each joint, (n,), > 0, rad/s (m/s).
+        dampers: Velocity dampers.
+        unconstrained: The closed form, if it is known already.
+        svd: Decomposition of J with its rows times ``row_scale``, if it is known already.
 
-    Raises InputError when the box is empty, or when what went in is so far from finite that nothing can be said.
+    Returns:
+        The solution. The arrays passed in are not checked.
+
+    Raises:
+        InputError: ``lo`` exceeds ``hi``, or the input is so far from finite that there is no solution.
     """
     if not (lo <= hi).all():
         raise InputError(f"the box of joint velocities is empty: {lo.tolist()} to {hi.tolist()}")
     scale = np.ones(len(jacobian)) if row_scale is None else row_scale
-    if parts is None:
-        parts = decompose(scale[:, None] * jacobian, "jacobian")
-    if free is None:
-        free = resolve(
+    if svd is None:
+        svd = decompose(scale[:, None] * jacobian, "jacobian")
+    if unconstrained is None:
+        unconstrained = resolve(
             jacobian,
             twist,
             weight,
@@ -152,35 +171,44 @@ def solve(
             row_scale=scale,
             null_space_cap=null_space_cap,
             checked=True,
-            parts=parts,
+            svd=svd,
         )
-    qd = free.joint_velocity
-    if (qd >= lo).all() and (qd <= hi).all() and (dampers is None or (dampers.rows @ qd >= dampers.least).all()):
-        return _unbound(free, jacobian, lo, hi, dampers)
-    return _bound(free, parts, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
+    if is_feasible(unconstrained.joint_velocity, lo, hi, dampers):
+        return _inactive(unconstrained, jacobian, lo, dampers)
+    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
 
 
-def _unbound(free: Resolution, jacobian: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> Bounded:
-    nothing = np.zeros(len(lo), dtype=bool)
+def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> bool:
+    """True if ``velocity`` (n,) is within the box and obeys the dampers."""
+    if not ((velocity >= lo).all() and (velocity <= hi).all()):
+        return False
+    return dampers is None or bool((dampers.rows @ velocity >= dampers.least).all())
+
+
+def _inactive(
+    unconstrained: ClosedFormSolution, jacobian: Array, lo: Array, dampers: VelocityDampers | None
+) -> ConstrainedSolution:
+    """The closed form as a solution in which no constraint binds."""
+    inactive = np.zeros(len(lo), dtype=bool)
     count = 0 if dampers is None else len(dampers.least)
-    return Bounded(
-        free.joint_velocity,
+    return ConstrainedSolution(
+        unconstrained.joint_velocity,
         1.0,
         np.zeros(len(lo)),
         0.0,
-        jacobian @ free.joint_velocity,
-        nothing,
-        nothing,
+        jacobian @ unconstrained.joint_velocity,
+        inactive,
+        inactive,
         np.zeros(count, dtype=bool),
         np.zeros(count),
         False,
-        free,
+        unconstrained,
     )
 
 
-def _bound(
-    free: Resolution,
-    parts: Decomposition,
+def _solve_active(
+    unconstrained: ClosedFormSolution,
+    svd: Decomposition,
     jacobian: Array,
     twist: Array,
     lo: Array,
@@ -189,7 +217,8 @@ def _bound(
     gradient: Array | None,
     row_scale: Array,
     dampers: VelocityDampers | None,
-) -> Bounded:
+) -> ConstrainedSolution:
+    """:func:`solve` for a closed form that violates a constraint."""
     n = len(lo)
     base, slack = np.minimum(np.maximum(0.0, lo), hi), np.zeros(0)
     rows, least = np.zeros((0, n)), np.zeros(0)
@@ -198,36 +227,37 @@ def _bound(
         rows, least = unit_rows(dampers.rows, dampers.least - slack)
 
     scaled_twist = row_scale * twist
-    line = line_of(parts, scaled_twist, float(np.abs(twist).max()))
+    line = task_line(svd, scaled_twist, float(np.abs(twist).max()))
     mass = IDENTITY if weight is None else weight
-    pull = np.zeros(n) if gradient is None else free.gain * gradient
-    searched = search if len(line.null) <= 1 else _search_with_solver
+    pull = np.zeros(n) if gradient is None else unconstrained.gain * gradient
+    free = unconstrained.joint_velocity
+    solve_program = solve_exactly if len(line.null) <= 1 else _solve_by_daqp
     base_scale = np.nan if base.any() else 0.0
-    found = searched(line, lo, hi, rows, least, base, base_scale, mass, pull, free.joint_velocity)
-    if np.isnan(found.scale):
+    solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+    if np.isnan(solution.scale):
         scaled = row_scale[:, None] * jacobian
         base, base_scale = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
-        found = searched(line, lo, hi, rows, least, base, base_scale, mass, pull, free.joint_velocity)
-    qd = np.minimum(np.maximum(found.joint_velocity, lo), hi)
+        solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+    qd = np.minimum(np.maximum(solution.joint_velocity, lo), hi)
     if not np.isfinite(qd).all():
-        raise InputError("the bounded problem holds numbers that are not finite")
-    return Bounded(
+        raise InputError("the constrained problem contains numbers that are not finite")
+    return ConstrainedSolution(
         qd,
-        found.scale,
-        found.base_velocity,
-        found.base_scale,
+        solution.scale,
+        solution.base_velocity,
+        solution.base_scale,
         jacobian @ qd,
         qd <= lo + BINDING,
         qd >= hi - BINDING,
         rows @ qd <= least + DAMPER_BINDING,
         slack,
-        found.fallback,
-        free,
+        solution.fallback,
+        unconstrained,
     )
 
 
-def _search_with_solver(
-    line: Line,
+def _solve_by_daqp(
+    line: TaskLine,
     lo: Array,
     hi: Array,
     rows: Array,
@@ -237,23 +267,23 @@ def _search_with_solver(
     weight: Array,
     pull: Array,
     free: Array,
-) -> Found:
-    """:func:`ik_node.differential_ik.exact_program.search` with any number of z; ``free`` (n,): the closed form, in case of need."""
+) -> ProgramSolution:
+    """:func:`ik_node.differential_ik.exact_program.solve_exactly` for a null space of any dimension."""
     if np.isnan(base_scale):
         program = program_along(line.ray, line.null, np.zeros(len(lo)), lo, hi, rows, least, ROUNDING)
-        entry = quadratic_program.entry(program)
+        entry = quadratic_program.smallest_scale(program)
         if entry is None:
-            return Found(free, np.nan, base, np.nan, False)
+            return ProgramSolution(free, np.nan, base, np.nan, False)
         base_scale = entry[0]
         base = np.minimum(np.maximum(base_scale * line.ray + entry[1] @ line.null, lo), hi)
     direction = (1.0 - base_scale) * line.ray
-    program = at_the_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
-    found = quadratic_program.best(program, cost_along(line.null, weight, base, direction, pull))
-    if found is None:
+    program = feasible_at_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
+    optimum = quadratic_program.largest_scale(program, cost_along(line.null, weight, base, direction, pull))
+    if optimum is None:
         whole = program_along(free - base, line.null, base, lo, hi, rows, least, BINDING)
-        part = smallest_ratio(whole.alpha, program.beta, BINDING)
-        qd = base + part * (free - base)
+        ratio = smallest_ratio(whole.alpha, program.beta, BINDING)
+        qd = base + ratio * (free - base)
     else:
-        part, z = found
-        qd = base + part * direction + z @ line.null
-    return Found(qd, base_scale + part * (1.0 - base_scale), base, base_scale, found is None)
+        ratio, z = optimum
+        qd = base + ratio * direction + z @ line.null
+    return ProgramSolution(qd, base_scale + ratio * (1.0 - base_scale), base, base_scale, optimum is None)

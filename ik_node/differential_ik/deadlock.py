@@ -1,6 +1,8 @@
-"""An arm that a limit holds although a twist is asked for: its direction is kept for a while, and then let go.
+"""Deadlock: a limit blocks the direction of a twist, and the arm stands still.
 
-A limit that stands in the way of the direction would else hold the arm for ever.
+The direction of the twist is kept for ``TIMEOUT_S``. Then it is released: the command blends into the joint velocity
+that comes nearest to the twist in any direction. Without this a limit in the way of the direction blocks the arm for
+ever.
 """
 
 from __future__ import annotations
@@ -9,47 +11,51 @@ import numpy as np
 
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
-from ik_node.differential_ik.singular_directions import smooth_step
+from ik_node.math.numerics import smoothstep
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds
 
-STANDSTILL = 0.05
-"""An arm that does less than this part of a twist stands before a limit."""
+MIN_TASK_SCALE = 0.05
+"""An arm that executes a smaller fraction of its twist is stalled."""
 
-LEAST_TWIST = 1e-3
-"""Twists with no entry beyond this, m/s or rad/s, ask for too little to say so."""
+MIN_TWIST = 1e-3
+"""Twists without an entry beyond this, m/s or rad/s, do not count as stalled."""
 
-PATIENCE_S = 1.0
-"""For so long the direction is kept all the same."""
+TIMEOUT_S = 1.0
+"""For how long the direction of the twist is kept while the arm is stalled."""
 
-LETTING_GO_S = 0.5
-"""How long the change takes then."""
+RELEASE_S = 0.5
+"""Duration of the transition to the released direction."""
 
 
-def blocked(before_s: float, part: float, fastest: float, elapsed_s: float) -> float:
-    """For how long the arm has been standing, s; ``before_s``: at the last tick, ``elapsed_s`` ago.
+def stalled_time(before_s: float, task_scale: float, max_entry: float, elapsed_s: float) -> float:
+    """For how long the arm has been stalled, s.
 
-    ``part``: how much of the twist it does; ``fastest``: the twist's largest entry, m/s or rad/s.
+    Args:
+        before_s: The value of the last control step, s.
+        task_scale: Fraction of the twist that is executed.
+        max_entry: Largest absolute entry of the twist, m/s or rad/s.
+        elapsed_s: Time since the last control step, s.
     """
-    if part < STANDSTILL and fastest > LEAST_TWIST:
-        return min(before_s + elapsed_s, PATIENCE_S + LETTING_GO_S)
+    if task_scale < MIN_TASK_SCALE and max_entry > MIN_TWIST:
+        return min(before_s + elapsed_s, TIMEOUT_S + RELEASE_S)
     return max(before_s - elapsed_s, 0.0)
 
 
-def let_go(
+def release_direction(
     velocity: Array,
     jacobian: Array,
     twist: Array,
     row_scale: Array,
     bounds: JointBounds,
     dampers: VelocityDampers | None,
-    blocked_s: float,
+    stalled_s: float,
 ) -> Array:
-    """``velocity`` (n,) on its way to the one that comes nearest to the twist, its direction given up."""
+    """``velocity`` (n,) blended, over the time ``stalled_s``, into the one that comes nearest to the twist."""
     rows, least = (np.zeros((0, len(velocity))), np.zeros(0)) if dampers is None else dampers[:2]
     scaled = row_scale[:, None] * jacobian
     nearest = quadratic_program.nearest_to_twist(scaled, row_scale * twist, bounds.lo, bounds.hi, rows, least)
     if nearest is None:
         return velocity
-    part = smooth_step((blocked_s - PATIENCE_S) / LETTING_GO_S)
-    return np.asarray((1.0 - part) * velocity + part * nearest)
+    ratio = smoothstep((stalled_s - TIMEOUT_S) / RELEASE_S)
+    return np.asarray((1.0 - ratio) * velocity + ratio * nearest)

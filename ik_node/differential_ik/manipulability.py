@@ -1,30 +1,37 @@
-"""Out of a singularity with the freedom that the task leaves.
+"""Potential of the smallest singular value: leads an arm out of a singularity along its null space.
 
 ::
 
     h = F r / 4 (1 - sigma / r)^4    for the smallest singular value sigma of J (rows scaled) below r, 0 above
 
-It leads an arm away that started singular, where V alone cannot. Only the null space follows a gradient, so only the
-part of grad_h along it is computed: two evaluations of J for each of its dimensions, and none while sigma is above r.
-As a part of ``obstacle_gradient`` it was tried and left out: of 60 scenes it spoilt more than it mended.
+It moves an arm that starts at a singularity, where V alone cannot. Only the null space follows a gradient, therefore
+only the component of grad_h in it is computed: two evaluations of J for each of its dimensions, and none while sigma
+exceeds r. As a term of ``obstacle_gradient`` it made more of 60 scenes worse than better and was left out.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ik_node.collision.avoidance import Potential, push
+from ik_node.collision.avoidance import Potential, repulsion_profile
 from ik_node.differential_ik.singular_directions import STEP, JacobianAt
 from ik_node.math.types import Array
 
 SPAN_M = 0.08
-"""r, rotations times the characteristic length."""
+"""r, rotations times the characteristic length, m."""
 
 
-def dexterity(jacobian_at: JacobianAt, q: Array, row_scale: Array, strength: float, span: float = SPAN_M) -> Potential:
-    """h at q (n,), and the part of grad_h in the null space of J (m, n) there.
+def manipulability_potential(
+    jacobian_at: JacobianAt, q: Array, row_scale: Array, strength: float, span: float = SPAN_M
+) -> Potential:
+    """h at q, and the component of grad_h in the null space of J.
 
-    ``row_scale`` (m,) makes rotations comparable with translations; ``strength`` F in N; ``span`` r in m.
+    Args:
+        jacobian_at: J (m, n) of joint positions.
+        q: Joint positions, (n,), rad (m).
+        row_scale: Factors of the rows of J, (m,), that make rotations comparable with translations.
+        strength: F, N.
+        span: r, m.
     """
     jacobian = jacobian_at(q)
     gradient = np.zeros(len(q))
@@ -34,7 +41,7 @@ def dexterity(jacobian_at: JacobianAt, q: Array, row_scale: Array, strength: flo
     smallest = len(sigma) - 1
     if sigma[smallest] >= span:
         return Potential(0.0, gradient)
-    value, slope = push(sigma[smallest:], np.array([span]))
+    value, slope = repulsion_profile(sigma[smallest:], np.array([span]))
     for free in rows[len(sigma) :]:
         change = row_scale[:, None] * (jacobian_at(q + STEP * free) - jacobian_at(q - STEP * free)) / (2.0 * STEP)
         gradient += float(slope[0] * (u[:, smallest] @ change @ rows[smallest])) * free

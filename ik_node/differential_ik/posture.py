@@ -1,4 +1,4 @@
-"""Where the joints would like to be: in the middle of their range, or at a posture."""
+"""Potentials of the joint positions: centre of the joint range, and a preferred posture."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ObstacleSettings
 
 
-def centring(robot: Robot, q: Array, stiffness: float) -> Potential:
-    """h = stiffness / 2 sum ((q - middle) / (half range))^2 over the joints that have limits; ``stiffness`` in J.
+def joint_centering(robot: Robot, q: Array, stiffness: float) -> Potential:
+    """h = stiffness / 2 sum ((q - middle) / (half range))^2 (Liegeois 1977).
 
-    Continuous joints have no middle and do not count (Liegeois 1977).
+    Args:
+        robot: The robot; joints without two position limits do not contribute.
+        q: Joint positions, (n,), rad (m).
+        stiffness: J.
     """
     lower, upper = robot.limits.lower, robot.limits.upper
     limited = np.isfinite(lower) & np.isfinite(upper)
@@ -23,18 +26,25 @@ def centring(robot: Robot, q: Array, stiffness: float) -> Potential:
     return Potential(0.5 * stiffness * float(offset @ offset), stiffness * offset / half)
 
 
-def towards(robot: Robot, q: Array, wanted: Array, stiffness: float) -> Potential:
-    """h = stiffness / 2 ||q - wanted||^2, the short way round for continuous joints; ``stiffness`` in N m/rad."""
-    offset = -robot.difference(q, wanted)
+def posture_potential(robot: Robot, q: Array, posture: Array, stiffness: float) -> Potential:
+    """h = stiffness / 2 ||q - posture||^2, with the difference of continuous joints taken modulo one turn.
+
+    Args:
+        robot: The robot.
+        q: Joint positions, (n,), rad (m).
+        posture: Preferred joint positions, (n,), rad (m).
+        stiffness: N m/rad (N/m).
+    """
+    offset = -robot.difference(q, posture)
     return Potential(0.5 * stiffness * float(offset @ offset), stiffness * offset)
 
 
 def secondary_gradient(robot: Robot, q: Array, settings: ObstacleSettings) -> Array | None:
-    """Sum of the gradients of joint centring and posture at q (n,), (n,), N m (N); None when neither is configured."""
+    """Sum of the gradients of joint centering and posture at q (n,), (n,), N m (N); None if neither is configured."""
     total = None
     if settings.centring > 0.0:
-        total = centring(robot, q, settings.centring).gradient
+        total = joint_centering(robot, q, settings.centring).gradient
     if settings.posture_weight > 0.0 and len(settings.posture) == robot.n:
-        pull = towards(robot, q, np.array(settings.posture), settings.posture_weight).gradient
+        pull = posture_potential(robot, q, np.array(settings.posture), settings.posture_weight).gradient
         total = pull if total is None else total + pull
     return total

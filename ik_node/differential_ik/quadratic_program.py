@@ -1,11 +1,15 @@
-"""Linear and quadratic programs of a few variables: maximise s, then minimise a cost at that s.
+"""Linear and quadratic programs solved by DAQP, whose answers are checked here.
 
-::
+DAQP is a dual active-set solver (Arnstroem, Bemporad, Axehill, "A Dual Active-Set Solver for Embedded Quadratic
+Programming Using Recursive LDL' Updates", IEEE TAC 2022). It serves the null spaces of two and more dimensions, and
+the points from which :mod:`ik_node.differential_ik.constrained` starts::
 
-    alpha s + zeta z <= beta ,  0 <= s <= 1 ,  beta >= 0        so that s = 0, z = 0 is always allowed
+    maximise s, then minimise a cost over z at that s
+    subject to  alpha s + zeta z <= beta ,  0 <= s <= 1 ,  beta >= 0        (s = 0, z = 0 is feasible)
 
-z has as many entries as the null space of the task has dimensions: none for a six-joint arm, one for a seven-joint arm.
-Those two are solved exactly, without a solver. The others go to DAQP, and its answers are checked.
+On 2500 random programs with null spaces of 2 to 6 dimensions s is within 6e-8 of HiGHS, the cost within 2e-9, and the
+optimality conditions hold to 2e-11. A primal tolerance of 1e-12 makes one program in a hundred fail; 1e-6 violates rows
+by as much.
 """
 
 from __future__ import annotations
@@ -13,184 +17,141 @@ from __future__ import annotations
 import daqp
 import numpy as np
 
-from ik_node.differential_ik.exact_program import ROUNDING, Cost, Program
+from ik_node.differential_ik.exact_program import ROUNDING, LinearProgram, NullSpaceCost
 from ik_node.math.types import Array
 
-ACCEPTED = 1e-10
-"""Largest trespass of a solver's answer that is put right by clipping; beyond, the answer is not used."""
+PRIMAL_TOLERANCE = 1e-10
+"""Feasibility tolerance of the solver."""
+
+MAX_VIOLATION = 1e-10
+"""Largest violation of a row that is corrected by clipping; with a larger one the answer is not used."""
+
+WIDENINGS = (0.0, 1e-12, 1e-11, 5e-11)
+"""By how much rows are widened, one after the other, where the solver finds no z at the largest s: there the feasible
+set is often a single point. Without this one answer in 2500 is not of least cost."""
 
 UNLIMITED = 1e30
-"""DAQP's infinity."""
+"""Infinity for DAQP."""
 
-STILL = 1e-12
-"""Steps and multipliers up to this one are rounding."""
-
-MOST_STEPS = 100
-"""Of the active-set method: ten times what was seen."""
+SOLVED = 1
+"""DAQP's exit flag of an optimal solution."""
 
 
-def best(program: Program, cost: Cost) -> tuple[float, Array] | None:
-    """The largest s, and the z of least ``cost`` for it; None where no answer passed its check.
-
-    DAQP's linear programs end within 1e-6 of the optimum, at points that obey the rows to 1e-10;
-    the active-set method goes on from there to the vertex, and then to the least cost."""
+def largest_scale(program: LinearProgram, cost: NullSpaceCost) -> tuple[float, Array] | None:
+    """The largest s, and the z of least ``cost`` at that s; None if no answer passed its check."""
     dimensions = program.zeta.shape[1]
     limited = np.isfinite(program.beta)
     alpha, zeta, beta = program.alpha[limited], program.zeta[limited], program.beta[limited]
-    whole = _full_scale(alpha, zeta, beta, cost)
-    if whole is not None:
-        return 1.0, whole
+    z = _least_cost(cost, 1.0, alpha, zeta, beta, 1e-11)
+    if z is not None:  # the usual case
+        return 1.0, z
     goal = np.zeros(1 + dimensions)
     goal[0] = -1.0
-    upper = np.concatenate(([1.0], np.full(dimensions, UNLIMITED), beta))
-    lower = np.concatenate(([0.0], np.full(dimensions + len(beta), -UNLIMITED)))
-    matrix = np.column_stack((alpha, zeta))
-    start, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=1e-10)
-    if flag != 1 or not _fits(matrix @ start, beta):
-        start = np.zeros(1 + dimensions)
-    ends = np.zeros((2, 1 + dimensions))
-    ends[:, 0] = 1.0, -1.0
-    best = descend(None, goal, np.concatenate((ends, matrix)), np.concatenate(([1.0, 0.0], beta)), start)
-    if best is None:
+    vertex = _optimal_vertex(goal, alpha, zeta, beta)
+    if vertex is None:
         return None
-    s = min(max(float(best[0]), 0.0), 1.0)
-    z = descend(cost.hessian, cost.slope + s * cost.change, zeta, beta - s * alpha, best[1:])
-    return s, best[1:] if z is None else z
+    s = min(max(float(vertex[0]), 0.0), 1.0)
+    for widening in WIDENINGS:
+        z = _least_cost(cost, s, alpha, zeta, beta + widening, PRIMAL_TOLERANCE)
+        if z is not None and _obeys(zeta @ z, beta - s * alpha):
+            return s, z
+    return s, vertex[1:]
 
 
-def _full_scale(alpha: Array, zeta: Array, beta: Array, cost: Cost) -> Array | None:
-    """The z of least cost at s = 1, the usual case; None where s has to be less."""
-    room = beta - alpha
-    unlimited = np.full(len(room), -UNLIMITED)
-    hessian, rows = np.ascontiguousarray(cost.hessian), np.ascontiguousarray(zeta)
-    z, _, flag, _ = daqp.solve(hessian, cost.slope + cost.change, rows, room, unlimited, primal_tol=1e-11)
-    return np.asarray(z) if flag == 1 and _fits(zeta @ z, room) else None
+def smallest_scale(program: LinearProgram) -> tuple[float, Array] | None:
+    """The smallest s in [0, 1] that is feasible with some z, and such a z; None if there is none.
 
-
-def _fits(values: Array, limits: Array) -> bool:
-    return bool(np.isfinite(values).all() and (values <= limits + ACCEPTED).all())
-
-
-def descend(hessian: Array | None, slope: Array, rows: Array, limits: Array, start: Array) -> Array | None:
-    """The least 1/2 x' H x + ``slope``' x with ``rows`` x <= ``limits``, by a primal active-set method.
-
-    ``hessian`` (d, d) positive definite, or None: a linear program, which the rows must bound. ``start`` obeys the
-    rows; small trespasses are not undone, but not enlarged. Nocedal and Wright, Numerical Optimization, algorithm 16.3.
-    None where it did not end.
+    Here ``beta`` may be negative: s = 0, z = 0 may be infeasible.
     """
-    x, working = start.copy(), list[int]()
-    for count in range(MOST_STEPS):
-        slope_here = slope if hessian is None else slope + hessian @ x
-        active = rows[working]
-        free = _null_space(active, len(x))
-        step = _step(hessian, slope_here, free)
-        if np.abs(step).max(initial=0.0) <= STILL * max(1.0, np.abs(x).max()):
-            multipliers = np.linalg.lstsq(active.T, -slope_here, rcond=None)[0] if working else np.zeros(0)
-            wrong = np.flatnonzero(multipliers < -STILL)
-            if len(wrong) == 0:
-                return np.asarray(x)
-            # The most negative one; the first one (Bland's rule) once there is a suspicion of going in circles.
-            working.pop(int(wrong[0]) if count > MOST_STEPS // 2 else int(np.argmin(multipliers)))
-            continue
-        towards = rows @ step
-        towards[working] = 0.0
-        ahead = towards > STILL * max(1.0, np.abs(step).max())
-        if not ahead.any():
-            if hessian is None:
-                return None
-            x = x + step
-            continue
-        reach = np.full(len(limits), np.inf)
-        reach[ahead] = np.maximum(limits[ahead] - rows[ahead] @ x, 0.0) / towards[ahead]
-        nearest = float(reach.min())
-        if hessian is not None and nearest >= 1.0:
-            x = x + step
-            continue
-        x = x + nearest * step
-        tied = np.flatnonzero(reach <= nearest)
-        working.append(int(tied[np.argmax(towards[tied])]))
-    return None
-
-
-def _null_space(active: Array, size: int) -> Array:
-    """A basis, as columns, of the steps that leave the active rows as they are."""
-    if len(active) == 0:
-        return np.eye(size)
-    q, _ = np.linalg.qr(active.T, mode="complete")
-    return np.asarray(q[:, len(active) :])
-
-
-def _step(hessian: Array | None, slope: Array, free: Array) -> Array:
-    """To the minimum on the active rows, or straight downhill where there is no curvature."""
-    if free.shape[1] == 0:
-        return np.zeros(len(slope))
-    downhill = free.T @ slope
-    if hessian is not None:
-        downhill = np.linalg.solve(free.T @ hessian @ free, downhill)
-    return np.asarray(-(free @ downhill))
-
-
-def entry(program: Program) -> tuple[float, Array] | None:
-    """The least s in [0, 1] that the rows allow with some z, and such a z; None where there is none.
-
-    Here ``beta`` may be negative: s = 0, z = 0 need not be allowed.
-    """
-    dimensions = program.zeta.shape[1]
     limited = np.isfinite(program.beta)
-    beta = program.beta[limited]
-    goal = np.zeros(1 + dimensions)
+    goal = np.zeros(1 + program.zeta.shape[1])
     goal[0] = 1.0
-    upper = np.concatenate(([1.0], np.full(dimensions, UNLIMITED), beta))
+    vertex = _optimal_vertex(goal, program.alpha[limited], program.zeta[limited], program.beta[limited])
+    return None if vertex is None else (min(max(float(vertex[0]), 0.0), 1.0), vertex[1:])
+
+
+def _optimal_vertex(goal: Array, alpha: Array, zeta: Array, beta: Array) -> Array | None:
+    r"""The (s, z) of least ``goal``' (s, z) with alpha s + zeta z <= beta and s in [0, 1].
+
+    The unknown is s times the largest \|alpha\|: with the column of a small twist the solver finds no solution.
+    """
+    dimensions = zeta.shape[1]
+    size = float(np.abs(alpha).max(initial=0.0)) or 1.0
+    upper = np.concatenate(([size], np.full(dimensions, UNLIMITED), beta))
     lower = np.concatenate(([0.0], np.full(dimensions + len(beta), -UNLIMITED)))
-    matrix = np.column_stack((program.alpha[limited], program.zeta[limited]))
-    found, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=1e-10)
-    if flag != 1 or not _fits(matrix @ found, beta):
+    matrix = np.column_stack((alpha / size, zeta))
+    vertex, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    if flag != SOLVED or not _obeys(matrix @ vertex, beta):
         return None
-    return min(max(float(found[0]), 0.0), 1.0), np.asarray(found[1:])
+    return np.append(vertex[0] / size, vertex[1:])
+
+
+def _least_cost(
+    cost: NullSpaceCost, s: float, alpha: Array, zeta: Array, beta: Array, tolerance: float
+) -> Array | None:
+    """The z of least ``cost`` at ``s``."""
+    limits = beta - s * alpha
+    hessian, rows = np.ascontiguousarray(cost.hessian), np.ascontiguousarray(zeta)
+    unlimited = np.full(len(limits), -UNLIMITED)
+    slope = cost.slope + s * cost.change
+    z, _, flag, _ = daqp.solve(hessian, slope, rows, limits, unlimited, primal_tol=tolerance)
+    return np.asarray(z) if flag == SOLVED and _obeys(zeta @ z, limits) else None
+
+
+def _obeys(values: Array, limits: Array) -> bool:
+    return bool(np.isfinite(values).all() and (values <= limits + MAX_VIOLATION).all())
 
 
 def nearest_to_ray(
-    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, otherwise: Array
+    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, fallback: Array
 ) -> tuple[Array, float]:
-    """The qd in the box, with ``rows`` qd >= ``least``, and the t in [0, 1] of least \\|J qd - t V\\|.
+    """The qd and the t in [0, 1] of least \\|J qd - t V\\| with lo <= qd <= hi and ``rows`` qd >= ``least``.
 
-    Among equals nearly the one nearest to rest. Where the solver fails: ``otherwise`` and 0.
+    Among several minima nearly the one of least \\|qd\\|. If the solver fails: ``fallback`` (n,) and 0.
     """
     n = len(lo)
-    miss = np.column_stack((jacobian, -twist))
-    hessian = miss.T @ miss
-    # What is left open is drawn to rest, by so little that the direction does not suffer.
+    deviation = np.column_stack((jacobian, -twist))
+    hessian = deviation.T @ deviation
+    # A small regularisation towards zero velocity, which does not change the direction noticeably.
     hessian[np.diag_indices(n + 1)] += 1e-11 * (1.0 + np.trace(hessian))
     upper = np.concatenate((np.minimum(hi, UNLIMITED), [1.0], np.full(len(least), UNLIMITED)))
     lower = np.concatenate((np.maximum(lo, -UNLIMITED), [0.0], least))
     matrix = np.column_stack((rows, np.zeros(len(least))))
-    found, _, flag, _ = daqp.solve(hessian, np.zeros(n + 1), matrix, upper, lower, primal_tol=1e-10)
-    if flag != 1 or not np.isfinite(found).all():
-        return otherwise, 0.0
-    return np.minimum(np.maximum(found[:n], lo), hi), min(max(float(found[n]), 0.0), 1.0)
+    point, _, flag, _ = daqp.solve(hessian, np.zeros(n + 1), matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    if flag != SOLVED or not np.isfinite(point).all():
+        return fallback, 0.0
+    return np.minimum(np.maximum(point[:n], lo), hi), min(max(float(point[n]), 0.0), 1.0)
 
 
 def nearest_to_twist(jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array) -> Array | None:
-    """The qd in the box, with ``rows`` qd >= ``least``, of least \\|J qd - V\\|, whatever its direction; None if none.
+    """The qd of least \\|J qd - V\\|, in any direction, with lo <= qd <= hi and ``rows`` qd >= ``least``; None if none.
 
-    Damped by a thousandth of the largest singular value, so that it stays gentle where J is nearly singular.
+    Damped by a thousandth of the mean squared singular value, so that it stays small where J is nearly singular.
     """
     hessian = jacobian.T @ jacobian
     hessian[np.diag_indices(len(lo))] += 1e-3 * np.trace(hessian) / len(lo)
     upper = np.concatenate((np.minimum(hi, UNLIMITED), np.full(len(least), UNLIMITED)))
     lower = np.concatenate((np.maximum(lo, -UNLIMITED), least))
     slope = -(jacobian.T @ twist)
-    found, _, flag, _ = daqp.solve(hessian, slope, np.ascontiguousarray(rows), upper, lower, primal_tol=1e-10)
-    if flag != 1 or not np.isfinite(found).all():
+    matrix = np.ascontiguousarray(rows)
+    qd, _, flag, _ = daqp.solve(hessian, slope, matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    if flag != SOLVED or not np.isfinite(qd).all():
         return None
-    return np.asarray(np.minimum(np.maximum(found, lo), hi))
+    return np.asarray(np.minimum(np.maximum(qd, lo), hi))
 
 
 def nearest_to_rest(clipped: Array, lo: Array, hi: Array, rows: Array, least: Array) -> tuple[Array, Array]:
-    """The least ||qd|| with lo <= qd <= hi and ``rows`` qd >= ``least``, and by how much each row had to give way.
+    """The qd of least \\|qd\\| with lo <= qd <= hi and ``rows`` qd >= ``least``, and the slack of each row.
 
-    ``clipped`` (n,) is the answer without the rows, and the answer where it obeys them. Where the box leaves no room,
-    all rows give way by the same, least amount. Where the solver fails, rows give way to ``clipped``.
+    If the box leaves no room for the rows, all of them are relaxed by the same, least amount. If the solver fails, the
+    rows are relaxed to ``clipped``.
+
+    Args:
+        clipped: The solution without the rows, (n,); it is returned if it obeys them.
+        lo: Lower ends of the box, (n,).
+        hi: Upper ends of the box, (n,).
+        rows: (k, n).
+        least: (k,).
     """
     slack = np.zeros(len(least))
     if (rows @ clipped >= least - ROUNDING).all():
@@ -200,14 +161,15 @@ def nearest_to_rest(clipped: Array, lo: Array, hi: Array, rows: Array, least: Ar
     needed = _least_slack(rows, least, low, high)
     if needed > 0.0:
         slack = np.full(len(least), needed)
-    # A hair of room, without which a set that is a single point cannot be found.
-    hair = 1e-10 if needed > 0.0 else 0.0
+    # The solver cannot find a feasible set that is a single point; this widens it.
+    widening = 1e-10 if needed > 0.0 else 0.0
     upper = np.concatenate((high, np.full(len(least), UNLIMITED)))
-    lower = np.concatenate((low, least - slack - hair))
-    answer, _, flag, _ = daqp.solve(np.eye(n), np.zeros(n), np.ascontiguousarray(rows), upper, lower, primal_tol=1e-10)
-    if flag != 1 or not np.isfinite(answer).all():
+    lower = np.concatenate((low, least - slack - widening))
+    matrix = np.ascontiguousarray(rows)
+    qd, _, flag, _ = daqp.solve(np.eye(n), np.zeros(n), matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    if flag != SOLVED or not np.isfinite(qd).all():
         return clipped, np.maximum(least - rows @ clipped, 0.0)
-    base = np.minimum(np.maximum(answer, lo), hi)
+    base = np.minimum(np.maximum(qd, lo), hi)
     return base, np.maximum(least - rows @ base, 0.0)
 
 
@@ -219,7 +181,7 @@ def _least_slack(rows: Array, least: Array, low: Array, high: Array) -> float:
     goal[n] = 1.0
     upper = np.concatenate((high, [UNLIMITED], np.full(count, UNLIMITED)))
     lower = np.concatenate((low, [0.0], least))
-    answer, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=1e-10)
-    if flag != 1 or not np.isfinite(answer).all():
+    point, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    if flag != SOLVED or not np.isfinite(point).all():
         return float(np.max(least + np.maximum(np.abs(rows) @ np.maximum(np.abs(low), np.abs(high)), 0.0)))
-    return float(answer[n]) if answer[n] > ROUNDING else 0.0
+    return float(point[n]) if point[n] > ROUNDING else 0.0

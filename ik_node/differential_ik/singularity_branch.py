@@ -1,9 +1,9 @@
-"""On which side of a singularity the arm is: the sign that a singular value does not have.
+"""The branch of an arm at a singularity: the sign that a singular value does not have.
 
-A singular value decomposition makes every sigma positive and chooses the signs of u and y by chance. Followed from tick
-to tick by continuity, sigma = u' D J y changes its sign when the singularity is crossed: for an elbow, when it is bent
-the other way. An arm that was stretched by a target out of reach has to come back on the side that it came from; on the
-other side there may be no way home, since a joint limit or the table is there.
+A singular value decomposition makes every sigma positive and chooses the signs of u and y arbitrarily. Tracked
+continuously from one control step to the next, sigma = u' D J y changes its sign when the arm crosses the singularity,
+for example when an elbow is bent the other way. An arm stretched by a target out of reach has to return on the branch
+that it came from; on the other branch a joint limit or an obstacle may block the way back.
 """
 
 from __future__ import annotations
@@ -14,34 +14,40 @@ import numpy as np
 
 from ik_node.math.types import Array
 
-CLEAR_OF_IT = 0.25
-"""Part of the threshold from which on an arm is on a side of the singularity that it started in."""
+START_RATIO = 0.25
+"""Ratio of sigma to its threshold from which an arm that started at the singularity is on a branch."""
 
 
 class Branch(NamedTuple):
-    """The smallest singular triple as it was at the last tick."""
+    """The smallest singular triple at the last control step."""
 
-    lost: tuple[float, ...]
+    left: tuple[float, ...]
     """u, (m,)."""
-    motion: tuple[float, ...]
+    right: tuple[float, ...]
     """y, (n,)."""
-    wrong: bool
-    """True on the other side than the one that the arm came from."""
+    crossed: bool
+    """True on the other branch than the one that the arm came from."""
 
 
-def follow_branch(before: Branch | None, lost: Array, motion: Array, part: float) -> Branch | None:
-    """The branch at the present u = ``lost`` (m,) and y = ``motion`` (n,), whatever their signs.
+def track_branch(before: Branch | None, left: Array, right: Array, ratio: float) -> Branch | None:
+    """The branch at the present singular vectors, independent of their signs.
 
-    ``before``: at the last tick; None at the first near this singularity. ``part``: sigma over its threshold. None as
-    long as an arm that started in the singularity has not left it: then there is no side that it came from.
+    Args:
+        before: The branch at the last control step; None at the first one near this singularity.
+        left: u, (m,).
+        right: y, (n,).
+        ratio: sigma divided by its threshold.
+
+    Returns:
+        None until an arm that started at the singularity has left it: it did not come from a branch.
     """
     if before is None:
-        if part <= CLEAR_OF_IT:
+        if ratio <= START_RATIO:
             return None
-        return Branch(tuple(lost.tolist()), tuple(motion.tolist()), False)
-    along, across = float(motion @ np.array(before.motion)), float(lost @ np.array(before.lost))
+        return Branch(tuple(left.tolist()), tuple(right.tolist()), False)
+    along, across = float(right @ np.array(before.right)), float(left @ np.array(before.left))
     return Branch(
-        tuple((lost if across >= 0.0 else -lost).tolist()),
-        tuple((motion if along >= 0.0 else -motion).tolist()),
+        tuple((left if across >= 0.0 else -left).tolist()),
+        tuple((right if along >= 0.0 else -right).tolist()),
         along * across < 0.0,
     )

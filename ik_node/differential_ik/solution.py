@@ -1,4 +1,4 @@
-"""What a tick starts from and what it comes to."""
+"""Input and output of :class:`ik_node.differential_ik.solver.DifferentialIkSolver`."""
 
 from __future__ import annotations
 
@@ -6,46 +6,48 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.collision.distances import Closest
+from ik_node.collision.distances import ClosestPair
 from ik_node.math.types import Array
 
-NOTHING_LOST = np.zeros(6)
-"""V - V_f where nothing is given up; shared, not to be written into."""
+NO_TRUNCATION = np.zeros(6)
+"""V - V_f if nothing is truncated; shared, must not be modified."""
 
 
-class Moment(NamedTuple):
-    """Where the arm is and what stands at its motors."""
+class ArmState(NamedTuple):
+    """State of the arm at one control step."""
 
     q: Array
     """Measured joint positions, (n,), rad (m)."""
     q_middle: Array
-    """Where they will be in the middle of the interval in which the next command stands, (n,)."""
+    """Predicted joint positions in the middle of the interval in which the next command is held, (n,), rad (m)."""
     previous: Array
-    """The command that stands now, (n,), rad/s (m/s)."""
+    """The present command, (n,), rad/s (m/s)."""
     elapsed_s: float
-    """For how long it has stood."""
+    """For how long it has been held, s."""
     time_ns: int
-    """Now, on the monotonic clock."""
+    """Monotonic time, ns."""
 
 
-class Outcome(NamedTuple):
-    """What was chosen, and what it cost. Twists and wrenches (6,) in {b}, linear part first."""
+class DifferentialIkSolution(NamedTuple):
+    """The command and what limits and singularities changed. Twists and wrenches (6,) in {b}, linear part first."""
 
     joint_velocity: Array
     """(n,), rad/s (m/s), finite and within the velocity limits."""
-    scale: float
-    """The part of V_f that is done: ``pace`` times what the limits let through of it."""
-    pace: float
-    """How much slower than V the tool goes to pass a singularity on its path."""
-    lost_b: Array
-    """V - V_f."""
+    task_scale: float
+    """Fraction of V_f that is executed: ``singularity_scale`` times the scale s of the limits."""
+    singularity_scale: float
+    """Factor in (0, 1] by which V is scaled to pass a singularity on the path."""
+    truncated_b: Array
+    """V - V_f: the part of V that is truncated near a singularity."""
     multiplier_task: Array
+    """First term of the multiplier lambda."""
     multiplier_potential: Array
+    """Second term of the multiplier lambda."""
     singular_values: Array
-    """Of J_b with angular rows times the characteristic length, m."""
+    """Of J_b with angular rows times the characteristic length, descending, m."""
     binding: tuple[str, ...]
-    """Limits and dampers that bound."""
-    conceded: tuple[str, ...]
-    """Limits and dampers that gave way to stronger ones."""
-    closest: Closest
-    """The nearest pair of links, or link and obstacle."""
+    """Names of limits and dampers that bind."""
+    relaxed: tuple[str, ...]
+    """Names of limits and dampers that are relaxed because stronger ones contradict them."""
+    closest: ClosestPair
+    """The closest pair of links, or of link and obstacle."""

@@ -1,4 +1,4 @@
-"""One tick's optimum: from the twist that is wanted to the joint velocity that is commanded."""
+"""The differential inverse kinematics of one control step: from a desired twist to the commanded joint velocity."""
 
 from __future__ import annotations
 
@@ -6,139 +6,168 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.collision.monitor import Closest, Lookout, Surroundings
-from ik_node.differential_ik import constrained, manipulability
-from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, Resolution, resolve
-from ik_node.differential_ik.deadlock import PATIENCE_S, blocked, let_go
-from ik_node.differential_ik.fast_path import LOWER, UPPER, Usual, per_joint_of, usual_tick
+from ik_node.collision.avoidance import AvoidanceTerms
+from ik_node.collision.distances import ClosestPair
+from ik_node.collision.monitor import CollisionMonitor
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik import constrained
+from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, ClosedFormSolution, resolve
+from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
+from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
+from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS
 from ik_node.differential_ik.posture import secondary_gradient
-from ik_node.differential_ik.singularity import START, Passage, PassageState, pass_singularities
-from ik_node.differential_ik.solution import NOTHING_LOST, Moment, Outcome
+from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
+from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.errors import InputError
-from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import ROUNDING, JointBounds, conceded, joint_bounds, largest_change, motion_limits
+from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits, relaxed
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
-NOTHING_SEEN = Closest(float("nan"), (), np.full((2, 3), np.nan))
-"""Where nothing is watched."""
-NOTHING = np.zeros(0)
+NO_PAIR = ClosestPair(float("nan"), (), np.full((2, 3), np.nan))
+"""The closest pair if no distances are computed."""
+
+OTHER_SPEED_FRACTION = 0.3
+"""Fraction of ``null_space_speed`` that methods which do not avoid obstacles may use."""
+
+MULTIPLIER_FADE_M = 0.02
+"""Singular value below which the published multiplier fades out with its direction; the exact one is unbounded."""
 
 ESCAPE_N = 100.0
-"""Push along the null space out of a singularity in which a part of the twist is given up."""
+"""Force of the potential that leads an arm out of a singularity along its null space."""
+
+MIN_SLACK = 1e-9
+"""Slack from which a damper counts as relaxed, m/s."""
 
 
 class SolverSnapshot(NamedTuple):
-    """What one tick hands to the next."""
+    """State of the solver from one control step to the next."""
 
-    passage: PassageState
-    scale: float
-    """s, by the limits."""
-    blocked_s: float
-    """For how long the arm has been standing before a limit, s."""
+    singularity: SingularityState
+    task_scale: float
+    """s of the limits."""
+    stalled_s: float
+    """For how long a limit has been blocking the arm, s."""
 
 
-class TickSolver:
-    """Solves the problem of :mod:`ik_node.differential_ik.constrained` at every tick, with the settings' method and limits."""
+INITIAL = SolverSnapshot(START, 1.0, 0.0)
+
+
+class DifferentialIkSolver:
+    """Computes joint velocities within all limits, for one robot and one method."""
 
     def __init__(self, robot: Robot, settings: Settings) -> None:
-        """Raises SettingsError when limits do not fit the robot, and as :class:`Lookout` does."""
+        """Builds the collision monitor and :meth:`configure` s the solver.
+
+        Raises:
+            SettingsError: The limits do not fit the robot.
+            SceneError: The scene file cannot be used.
+            UnknownNameError: A configured pair names a link that does not exist.
+        """
         self._robot = robot
-        self.lookout = Lookout(robot, settings.obstacles)
-        self._snapshot = SolverSnapshot(START, 1.0, 0.0)
+        self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
+        self._snapshot = INITIAL
+        self._no_rows, self._no_limits = np.zeros((0, robot.n)), np.zeros(0)
         self.configure(settings)
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on; raises SettingsError, changing nothing, when limits do not fit the robot."""
+        """Replaces the settings.
+
+        Raises:
+            SettingsError: The limits do not fit the robot; nothing has changed then.
+        """
         self.limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
-        self.lookout.configure(settings.obstacles)
+        self.collision_monitor.configure(settings.obstacles)
         self._control = settings.control
         self._obstacles = settings.obstacles
         self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
-        dodges = settings.control.method == "obstacle_gradient"
-        speed = settings.obstacles.evasion_speed if dodges else settings.control.null_space_speed
-        self._null_space_cap = np.full(self._robot.n, speed)
-        self._clear = max(settings.singularity.threshold, settings.control.singularity_threshold)
-        self._per_joint = per_joint_of(self.limits, self._null_space_cap)
-        self._no_rows = np.zeros((0, self._robot.n))
+        fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
+        self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
+        self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
+        self._per_joint = stacked_limits(self.limits, self._null_space_cap)
 
     def capture(self) -> SolverSnapshot:
-        """For :meth:`restore`."""
+        """The state, for :meth:`restore`."""
         return self._snapshot
 
     def restore(self, snapshot: SolverSnapshot) -> None:
-        """Goes on, bit for bit, from ``snapshot``."""
+        """Sets the state; the following solutions are those of the captured solver, bit for bit."""
         self._snapshot = snapshot
 
-    def begin(self) -> None:
-        """The arm begins anew: nothing has been lost yet."""
-        self._snapshot = SolverSnapshot(START, 1.0, 0.0)
+    def reset(self) -> None:
+        """Forgets the last control steps."""
+        self._snapshot = INITIAL
 
     @property
     def without_effect(self) -> str:
-        """Why the method's gradient cannot do anything here; empty when it can."""
-        if self._control.method == "obstacle_gradient":
-            if self.lookout.unavailable:
-                return f"obstacle_gradient sees no obstacles: {self.lookout.unavailable}"
+        """Reason why the gradient of the method has no effect; empty if it has."""
+        if self._method.avoids_obstacles:
+            name = self._control.method
+            if self.collision_monitor.unavailable:
+                return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
             if self._robot.n <= 6:
-                return "obstacle_gradient has no effect: an arm of six joints has no null space"
+                return f"{name} has no effect: an arm of six joints has no null space"
         return ""
 
-    def follow_twist(self, moment: Moment, twist_b: Array) -> Outcome:
-        """The optimum for a body twist V (6,). Raises InputError when no finite answer exists."""
-        control = self._control
-        seen = self._look(moment, control.method == "obstacle_gradient")
-        kinematics = self._robot.evaluate(moment.q_middle)
-        to_frame = None if control.jacobian == "body" else se3.adjoint(kinematics.pose_sb)
-        jacobian, twist = kinematics.jacobian_b, twist_b
-        if to_frame is not None:
-            jacobian, twist = to_frame @ jacobian, to_frame @ twist
-        weight, gradient = self._cost(moment, seen)
-        gain = 0.0 if gradient is None else control.gradient_gain
-        outcome = self._usual(moment, jacobian, twist, weight, gradient, gain, seen, to_frame)
-        if outcome is not None:
-            return outcome
-        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
-        passage = pass_singularities(
-            self._robot_jacobian,
-            moment.q_middle,
+    def solve_twist(self, state: ArmState, twist_b: Array) -> DifferentialIkSolution:
+        """Joint velocity for a twist of the tool.
+
+        Args:
+            state: State of the arm.
+            twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
+
+        Raises:
+            InputError: There is no finite solution.
+        """
+        terms = self._avoidance_terms(state, self._method.avoids_obstacles)
+        jacobian = self._jacobian(state.q_middle)
+        weight, gradient = self._cost(state, terms)
+        gain = 0.0 if gradient is None else self._control.gradient_gain
+        fast = self._solve_fast(state, jacobian, twist_b, weight, gradient, gain, terms)
+        if fast is not None:
+            return fast
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        task = regulate_singularities(
+            self._jacobian,
+            state.q_middle,
             jacobian,
-            twist,
-            moment.previous,
+            twist_b,
+            state.previous,
             bounds,
             self.limits,
             self._row_scale,
             self._singularity,
-            self._snapshot.passage,
-            moment.elapsed_s,
-            self._snapshot.scale,
+            self._snapshot.singularity,
+            state.elapsed_s,
+            self._snapshot.task_scale,
         )
-        if passage.keep < 1.0 and passage.state.branch is None and self._robot.n > 6:
-            # The null space is of use to get away from the singularity that the arm started in.
-            push = (1.0 - passage.keep) * ESCAPE_N
-            away = manipulability.dexterity(self._robot_jacobian, moment.q_middle, self._row_scale, push).gradient
+        if task.retention < 1.0 and task.state.branch is None and self._robot.n > 6:
+            # The null space leads the arm away from the singularity that it started in.
+            force = (1.0 - task.retention) * ESCAPE_N
+            away = manipulability_potential(self._jacobian, state.q_middle, self._row_scale, force).gradient
             gradient = away if gradient is None else gradient + away
-            gain = control.gradient_gain
-        wanted = resolve(
-            passage.jacobian,
-            passage.twist,
+            gain = self._control.gradient_gain
+        closed = resolve(
+            task.jacobian,
+            task.twist,
             weight,
             gradient,
             gain,
             row_scale=self._row_scale,
             null_space_cap=self._null_space_cap,
             checked=True,
-            parts=passage.parts,
+            svd=task.svd,
         )
-        answer = None
-        if not _fits(wanted.joint_velocity, bounds, seen):
-            answer = constrained.solve(
-                passage.jacobian,
-                passage.twist,
+        dampers = None if terms is None else terms.dampers
+        limited = None
+        if not constrained.is_feasible(closed.joint_velocity, bounds.lo, bounds.hi, dampers):
+            limited = constrained.solve(
+                task.jacobian,
+                task.twist,
                 bounds.lo,
                 bounds.hi,
                 weight,
@@ -146,197 +175,189 @@ class TickSolver:
                 gain,
                 row_scale=self._row_scale,
                 null_space_cap=self._null_space_cap,
-                dampers=None if seen is None else seen.dampers,
-                free=wanted,
-                parts=passage.parts,
+                dampers=dampers,
+                unconstrained=closed,
+                svd=task.svd,
             )
-        if passage.singular_values[-1] < control.singularity_threshold:
-            # Exactly, the multiplier grows without bound; what is published fades out with the lost direction.
+        if task.singular_values[-1] < MULTIPLIER_FADE_M:
             faded = resolve(
                 jacobian,
-                twist,
+                twist_b,
                 weight,
                 gradient,
                 gain,
-                threshold=control.singularity_threshold,
+                threshold=MULTIPLIER_FADE_M,
                 row_scale=self._row_scale,
                 checked=True,
             )
-            wanted = wanted._replace(
+            closed = closed._replace(
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
-        scale = 1.0 if answer is None else answer.scale
-        fastest = float(np.abs(twist).max())
-        blocked_s = blocked(self._snapshot.blocked_s, passage.pace * scale, fastest, moment.elapsed_s)
-        self._snapshot = SolverSnapshot(passage.state, scale, blocked_s)
-        if answer is not None and blocked_s > PATIENCE_S:
-            dampers = None if seen is None else seen.dampers
-            velocity = let_go(answer.joint_velocity, jacobian, twist, self._row_scale, bounds, dampers, blocked_s)
-            answer, lost = answer._replace(joint_velocity=velocity), twist - jacobian @ velocity
-            passage = passage._replace(lost=lost)
-        return self._outcome(wanted, answer, bounds, seen, passage, to_frame)
+        scale = 1.0 if limited is None else limited.task_scale
+        stalled_s = self._stalled_time(twist_b, task.singularity_scale * scale, state.elapsed_s)
+        self._snapshot = SolverSnapshot(task.state, scale, stalled_s)
+        if limited is not None and stalled_s > TIMEOUT_S:
+            velocity = release_direction(
+                limited.joint_velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s
+            )
+            limited = limited._replace(joint_velocity=velocity)
+            task = task._replace(truncated=twist_b - jacobian @ velocity)
+        return self._solution(closed, limited, bounds, terms, task)
 
-    def _usual(
+    def solve_velocity(self, state: ArmState, velocity: Array) -> DifferentialIkSolution:
+        """The largest multiple of a joint velocity, up to 1, that limits and dampers permit.
+
+        The multipliers of the solution are NaN: no method selects the joint velocity.
+
+        Args:
+            state: State of the arm.
+            velocity: (n,), rad/s (m/s).
+
+        Raises:
+            InputError: There is no finite solution.
+        """
+        terms = self._avoidance_terms(state, False)
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        dampers = None if terms is None else terms.dampers
+        limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
+        jacobian = self._jacobian(state.q_middle) * self._row_scale[:, None]
+        unknown = np.full(6, np.nan)
+        return DifferentialIkSolution(
+            _within_velocity_limits(limited.joint_velocity, bounds),
+            limited.task_scale,
+            1.0,
+            np.zeros(6),
+            unknown,
+            unknown,
+            np.linalg.svd(jacobian, compute_uv=False),
+            limited.binding(bounds, self._robot.joints, dampers),
+            self._relaxed(bounds, limited, dampers),
+            NO_PAIR if terms is None else terms.closest,
+        )
+
+    def _solve_fast(
         self,
-        moment: Moment,
+        state: ArmState,
         jacobian: Array,
         twist: Array,
         weight: Array | None,
         gradient: Array | None,
         gain: float,
-        seen: Surroundings | None,
-        to_frame: Array | None,
-    ) -> Outcome | None:
-        """The outcome of a usual tick; None where it is none, or where the arm stands before a limit for too long."""
-        rows, least = (self._no_rows, NOTHING) if seen is None else seen.dampers[:2]
-        answer = usual_tick(
+        terms: AvoidanceTerms | None,
+    ) -> DifferentialIkSolution | None:
+        """The solution of the fast path; None if it does not apply or a limit has blocked the arm for too long."""
+        rows, least = (self._no_rows, self._no_limits) if terms is None else terms.dampers[:2]
+        fast = solve_fast(
             jacobian,
             twist,
             self._row_scale,
-            self._clear,
+            self._fast_threshold,
             IDENTITY if weight is None else weight,
             NO_GRADIENT if gradient is None else gradient,
             gain,
             self._per_joint,
             self.limits.dt_max_s,
             self.limits.recovery_speed,
-            moment.q,
-            moment.previous,
-            moment.elapsed_s,
+            state.q,
+            state.previous,
+            state.elapsed_s,
             rows,
             least,
         )
-        if not answer.usual:
+        if not fast.valid:
             return None
-        before, blocked_s = self._snapshot, 0.0
-        if answer.scale < 1.0 or before.blocked_s > 0.0:
-            fastest = float(np.abs(twist).max())
-            blocked_s = blocked(before.blocked_s, answer.scale, fastest, moment.elapsed_s)
-            if blocked_s > PATIENCE_S:
+        before, stalled_s = self._snapshot, 0.0
+        if fast.task_scale < 1.0 or before.stalled_s > 0.0:
+            stalled_s = self._stalled_time(twist, fast.task_scale, state.elapsed_s)
+            if stalled_s > TIMEOUT_S:
                 return None
-        passage = before.passage
-        if passage is not START:
-            lost_s = max(0.0, passage.lost_s - moment.elapsed_s)
-            passage = START._replace(lost_s=lost_s) if lost_s > 0.0 else START
-        self._snapshot = SolverSnapshot(passage, answer.scale, blocked_s)
-        task, potential = answer.multiplier_task, answer.multiplier_potential
-        if to_frame is not None:
-            task, potential = to_frame.T @ task, to_frame.T @ potential
-        return Outcome(
-            answer.joint_velocity,
-            answer.scale,
+        singularity = before.singularity
+        if singularity is not START:
+            delay_s = max(0.0, singularity.delay_s - state.elapsed_s)
+            singularity = START._replace(delay_s=delay_s) if delay_s > 0.0 else START
+        self._snapshot = SolverSnapshot(singularity, fast.task_scale, stalled_s)
+        return DifferentialIkSolution(
+            fast.joint_velocity,
+            fast.task_scale,
             1.0,
-            NOTHING_LOST,
-            task,
-            potential,
-            answer.singular_values,
-            self._names_of_sides(answer, moment, seen) if len(answer.sides) else (),
+            NO_TRUNCATION,
+            fast.multiplier_task,
+            fast.multiplier_potential,
+            fast.singular_values,
+            self._binding(fast, state, terms) if len(fast.sides) else (),
             (),
-            NOTHING_SEEN if seen is None else seen.closest,
+            NO_PAIR if terms is None else terms.closest,
         )
 
-    def _names_of_sides(self, answer: Usual, moment: Moment, seen: Surroundings | None) -> tuple[str, ...]:
-        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
-        n, sides = self._robot.n, answer.sides
-        dampers = () if seen is None else seen.dampers.names
+    def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        n, sides = self._robot.n, fast.sides
+        dampers = () if terms is None else terms.dampers.names
         lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
-        return constrained.names_of_binding(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
+        return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
 
-    def _robot_jacobian(self, q: Array) -> Array:
-        kinematics = self._robot.evaluate(q)
-        if self._control.jacobian == "body":
-            return kinematics.jacobian_b
-        return np.asarray(se3.adjoint(kinematics.pose_sb) @ kinematics.jacobian_b)
+    def _jacobian(self, q: Array) -> Array:
+        return self._robot.evaluate(q).jacobian_b
 
-    def follow_velocity(self, moment: Moment, wanted: Array) -> Outcome:
-        """The longest part of a joint velocity ``wanted`` (n,) that limits and dampers let through.
-
-        There is no method and no multiplier: the joints are given. Raises InputError when no finite answer exists.
-        """
-        seen = self._look(moment, False)
-        bounds = joint_bounds(self.limits, moment.q, moment.previous, moment.elapsed_s)
-        dampers = None if seen is None else seen.dampers
-        answer = constrained.solve(np.eye(self._robot.n), wanted, bounds.lo, bounds.hi, dampers=dampers)
-        jacobian = self._robot.evaluate(moment.q_middle).jacobian_b * self._row_scale[:, None]
-        unknown = np.full(6, np.nan)
-        return Outcome(
-            _released(answer.joint_velocity, bounds),
-            answer.scale,
-            1.0,
-            np.zeros(6),
-            unknown,
-            unknown,
-            np.linalg.svd(jacobian, compute_uv=False),
-            answer.binding(bounds, self._robot.joints, dampers),
-            self._conceded(bounds, answer, seen),
-            NOTHING_SEEN if seen is None else seen.closest,
-        )
-
-    def _look(self, moment: Moment, repel: bool) -> Surroundings | None:
+    def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
         limits = self.limits
-        change = largest_change(limits.acceleration, moment.elapsed_s, limits.dt_max_s)
-        return self.lookout.look(moment.q, moment.previous, change, limits.dt_max_s, moment.time_ns, repel)
+        change = largest_change(limits.acceleration, state.elapsed_s, limits.dt_max_s)
+        return self.collision_monitor.update(state.q, state.previous, change, limits.dt_max_s, state.time_ns, repel)
 
-    def _cost(self, moment: Moment, seen: Surroundings | None) -> tuple[Array | None, Array | None]:
-        """Weight and gradient of the method, the secondary gradients added."""
-        repulsion = None if seen is None else seen.potential.gradient
-        weight, gradient = self._method(self._robot, moment.q_middle, repulsion)
-        secondary = secondary_gradient(self._robot, moment.q, self._obstacles)
+    def _cost(self, state: ArmState, terms: AvoidanceTerms | None) -> tuple[Array | None, Array | None]:
+        """Weight of the method, and its gradient plus the secondary gradients."""
+        repulsion = None if terms is None else terms.potential.gradient
+        weight, gradient = self._method.cost(self._robot, state.q_middle, repulsion)
+        secondary = secondary_gradient(self._robot, state.q, self._obstacles)
         if secondary is not None:
             gradient = secondary if gradient is None else gradient + secondary
         return weight, gradient
 
-    def _outcome(
+    def _stalled_time(self, twist: Array, task_scale: float, elapsed_s: float) -> float:
+        return stalled_time(self._snapshot.stalled_s, task_scale, float(np.abs(twist).max()), elapsed_s)
+
+    def _solution(
         self,
-        wanted: Resolution,
-        answer: constrained.Bounded | None,
+        closed: ClosedFormSolution,
+        limited: ConstrainedSolution | None,
         bounds: JointBounds,
-        seen: Surroundings | None,
-        passage: Passage,
-        to_frame: Array | None,
-    ) -> Outcome:
-        lost, task, potential = passage.lost, wanted.multiplier_task, wanted.multiplier_potential
-        if to_frame is not None:
-            lost = np.asarray(np.linalg.solve(to_frame, lost))
-            task, potential = to_frame.T @ task, to_frame.T @ potential
-        dampers = None if seen is None else seen.dampers
-        return Outcome(
-            _released(wanted.joint_velocity if answer is None else answer.joint_velocity, bounds),
-            passage.pace * (1.0 if answer is None else answer.scale),
-            passage.pace,
-            lost,
-            task,
-            potential,
-            passage.singular_values,
-            () if answer is None else answer.binding(bounds, self._robot.joints, dampers),
-            self._conceded(bounds, answer, seen),
-            NOTHING_SEEN if seen is None else seen.closest,
+        terms: AvoidanceTerms | None,
+        task: RegulatedTask,
+    ) -> DifferentialIkSolution:
+        dampers = None if terms is None else terms.dampers
+        return DifferentialIkSolution(
+            _within_velocity_limits(closed.joint_velocity if limited is None else limited.joint_velocity, bounds),
+            task.singularity_scale * (1.0 if limited is None else limited.task_scale),
+            task.singularity_scale,
+            task.truncated,
+            closed.multiplier_task,
+            closed.multiplier_potential,
+            task.singular_values,
+            () if limited is None else limited.binding(bounds, self._robot.joints, dampers),
+            self._relaxed(bounds, limited, dampers),
+            NO_PAIR if terms is None else terms.closest,
         )
 
-    def _conceded(
-        self, bounds: JointBounds, answer: constrained.Bounded | None, seen: Surroundings | None
+    def _relaxed(
+        self, bounds: JointBounds, limited: ConstrainedSolution | None, dampers: VelocityDampers | None
     ) -> tuple[str, ...]:
-        names = conceded(bounds, self._robot.joints)
-        if answer is None or seen is None:
+        names = relaxed(bounds, self._robot.joints)
+        if limited is None or dampers is None:
             return names
-        yielded = np.flatnonzero(answer.damper_slack > 1e-9).tolist()
-        return (*names, *(f"damper {seen.dampers.names[index]}" for index in yielded))
+        indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
+        return (*names, *(f"damper {dampers.names[index]}" for index in indices))
 
 
-def _fits(velocity: Array, bounds: JointBounds, seen: Surroundings | None) -> bool:
-    if not ((velocity >= bounds.lo).all() and (velocity <= bounds.hi).all()):
-        return False
-    return seen is None or bool((seen.dampers.rows @ velocity >= seen.dampers.least).all())
+def _within_velocity_limits(velocity: Array, bounds: JointBounds) -> Array:
+    """The last check: ``velocity`` (n,) is finite, and clipped to the velocity limits.
 
-
-def _released(velocity: Array, bounds: JointBounds) -> Array:
-    """The last gate: finite, and within the velocity limits to the last bit.
-
-    InputError when it is off by more than rounding: then something inside is wrong, and the arm has to stop.
+    Raises:
+        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
+            the arm has to stop.
     """
     if not np.isfinite(velocity).all():
-        raise InputError(f"the resolution gave a joint velocity that is not finite: {velocity}")
-    held = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
-    if np.abs(held - velocity).max() > ROUNDING:
-        raise InputError(f"the resolution gave a joint velocity over its limits: {velocity}")
-    return held
+        raise InputError(f"the computed joint velocity is not finite: {velocity}")
+    clipped = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
+    if np.abs(clipped - velocity).max() > ROUNDING:
+        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
+    return clipped

@@ -1,4 +1,4 @@
-"""The short way from one joint position to another."""
+"""Differences of joint positions; the angle of a continuous joint is taken modulo one turn."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ik_node.jit import compiled, elementwise
 
 
 @compiled
-def short_way(q_from: float, q_to: float, continuous: bool) -> float:
-    """``q_to - q_from``, without whole turns where the joint is ``continuous``: it has no limits."""
+def joint_difference(q_from: float, q_to: float, continuous: bool) -> float:
+    """``q_to - q_from``; for a ``continuous`` joint (no position limits) brought into -pi..pi."""
     delta = q_to - q_from
     return delta - 2.0 * pi * np.round(delta / (2.0 * pi)) if continuous else delta
 
 
-short_ways = elementwise(short_way)
-"""The same of arrays."""
+joint_differences = elementwise(joint_difference)
+"""The same for arrays, with broadcasting."""

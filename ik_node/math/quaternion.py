@@ -1,7 +1,7 @@
-"""Rotations as unit quaternions in plain floats, for the code that runs at every tick.
+"""Rotations as unit quaternions, and vectors of R^3, as tuples of floats for compiled code.
 
-Tuples of floats stay in registers once compiled, and cost a tenth of a small array where they do not. Quaternions are
-(w, x, y, z); rotation vectors are axis times angle, in rad. Poses at the edges stay arrays: see ``ik_node.math.se3``.
+Tuples of floats stay in registers when compiled, and cost a tenth of a small array otherwise. Quaternions are
+(w, x, y, z); rotation vectors are axis times angle, in rad. Poses as arrays are in :mod:`ik_node.math.se3`.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ def length(a: Vector) -> float:
 
 @compiled
 def difference(a: Vector, b: Vector) -> Vector:
-    """``a`` less ``b``."""
+    """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @compiled
 def add(a: Vector, b: Vector) -> Vector:
-    """``a`` and ``b``."""
+    """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @compiled
 def scaled(a: Vector, factor: float) -> Vector:
-    """``a`` times ``factor``."""
+    """factor a."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
 @compiled
-def cut(a: Vector, longest: float) -> Vector:
-    """``a``, no longer than that."""
+def clamp_norm(a: Vector, max_norm: float) -> Vector:
+    """``a``, shortened to ``max_norm`` if it is longer."""
     size = length(a)
-    return a if size <= longest else scaled(a, longest / size)
+    return a if size <= max_norm else scaled(a, max_norm / size)
 
 
 @compiled
@@ -67,7 +67,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @compiled
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation ``b`` followed by ``a``, both about axes of the outer frame."""
+    """Hamilton product a b: the rotation ``b`` followed by ``a``, both about axes of the fixed frame."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -86,18 +86,18 @@ def conjugate(a: Quaternion) -> Quaternion:
 
 @compiled
 def normalised(a: Quaternion) -> Quaternion:
-    """``a`` at unit length; without it rounding adds up over an hour of ticks."""
+    """``a`` at unit norm; without it rounding errors accumulate over an hour of control steps."""
     w, x, y, z = a
     scale = 1.0 / sqrt(w * w + x * x + y * y + z * z)
     return (w * scale, x * scale, y * scale, z * scale)
 
 
 @compiled
-def from_vector(turn: Vector) -> Quaternion:
-    """Exponential: the rotation about ``turn`` by its length."""
-    x, y, z = turn
+def from_rotation_vector(rotation_vector: Vector) -> Quaternion:
+    """Exponential map: the quaternion of a rotation vector, rad."""
+    x, y, z = rotation_vector
     squared = x * x + y * y + z * z
-    if squared < 1e-8:  # the series is exact to rounding here, and has no division by the angle
+    if squared < 1e-8:  # the series is exact to rounding here and does not divide by the angle
         factor = 0.5 - squared / 48.0
         return normalised((1.0 - squared / 8.0, x * factor, y * factor, z * factor))
     angle = sqrt(squared)
@@ -106,8 +106,8 @@ def from_vector(turn: Vector) -> Quaternion:
 
 
 @compiled
-def to_vector(a: Quaternion) -> Vector:
-    """Logarithm: the shortest rotation vector, length in [0, pi]; q and -q give the same."""
+def to_rotation_vector(a: Quaternion) -> Vector:
+    """Logarithmic map: the shortest rotation vector, length in [0, pi] rad; equal for q and -q."""
     w, x, y, z = a
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -117,16 +117,20 @@ def to_vector(a: Quaternion) -> Vector:
 
 
 def from_matrix(pose: Array) -> Quaternion:
-    """Quaternion of the rotation part of a pose (4, 4) or a rotation matrix (3, 3), however it lies in memory."""
+    """Quaternion of a rotation matrix (3, 3), or of the rotation of a pose (4, 4), in any memory layout.
+
+    Raises:
+        InputError: The array has another shape.
+    """
     matrix = np.ascontiguousarray(pose, dtype=np.float64)
     if matrix.shape not in ((4, 4), (3, 3)):
         raise InputError(f"rotation has shape {matrix.shape}, expected (4, 4) or (3, 3)")
-    return orientation_in(matrix)
+    return pose_quaternion(matrix)
 
 
 @compiled
-def orientation_in(pose: Array) -> Quaternion:
-    """:func:`from_matrix` of a C-contiguous array; Shepperd's choice of divisor."""
+def pose_quaternion(pose: Array) -> Quaternion:
+    """:func:`from_matrix` of a C-contiguous array, compiled; divides by the largest component (Shepperd 1978)."""
     xx, xy, xz = pose[0, 0], pose[0, 1], pose[0, 2]
     yx, yy, yz = pose[1, 0], pose[1, 1], pose[1, 2]
     zx, zy, zz = pose[2, 0], pose[2, 1], pose[2, 2]
@@ -141,14 +145,14 @@ def orientation_in(pose: Array) -> Quaternion:
 
 
 @compiled
-def position_in(pose: Array) -> Vector:
-    """The origin of a pose (4, 4)."""
+def pose_position(pose: Array) -> Vector:
+    """The position of a pose (4, 4)."""
     return (pose[0, 3], pose[1, 3], pose[2, 3])
 
 
 @compiled
-def rotate_back(a: Quaternion, v: Vector) -> Vector:
-    """``v`` of the outer frame, written in the frame that ``a`` turns to: R' v."""
+def rotate_inverse(a: Quaternion, v: Vector) -> Vector:
+    """R' v: a vector of the fixed frame, expressed in the frame rotated by ``a``."""
     w, x, y, z = a
     # v + 2 w (v x u) + 2 u x (u x v), with u the vector part: R' v without forming R
     cx = v[1] * z - v[2] * y
@@ -163,8 +167,8 @@ def rotate_back(a: Quaternion, v: Vector) -> Vector:
 
 @compiled
 def rotate(a: Quaternion, v: Vector) -> Vector:
-    """R v."""
-    return rotate_back(conjugate(a), v)
+    """R v, with R the rotation matrix of ``a``."""
+    return rotate_inverse(conjugate(a), v)
 
 
 @compiled

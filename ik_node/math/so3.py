@@ -1,12 +1,13 @@
-"""Rotation vectors and their rates, one by one and many at once: what interpolation of rotations needs.
+"""Rotation vectors and their time derivatives, for the interpolation of rotations.
 
-Rates of a rotation vector theta and of the body are tied by the right Jacobian of SO(3) (Chirikjian, "Stochastic
-Models, Information Theory, and Lie Groups 2", 2012, section 10.6) ::
+The right Jacobian J_r of SO(3) relates the derivative of a rotation vector theta to the angular velocity omega,
+expressed in the rotated frame (Chirikjian, "Stochastic Models, Information Theory, and Lie Groups 2", 2012,
+section 10.6)::
 
     R = exp(theta) ,    omega = J_r(theta) theta' ,    omega' = J_r theta'' + J_r' theta'
     J_r = 1 - A [theta] + B [theta]^2 ,    A = (1 - cos a) / a^2 ,    B = (a - sin a) / a^3 ,    a = |theta|
 
-with omega written in the turned frame. Near a = 0 the coefficients are series, exact to rounding.
+Near a = 0 the coefficients are computed by series that are exact to rounding.
 """
 
 from __future__ import annotations
@@ -24,48 +25,42 @@ from ik_node.math.quaternion import (
     cross,
     difference,
     dot,
-    from_matrix,
     multiply,
     scaled,
-    to_vector,
+    to_rotation_vector,
 )
 from ik_node.math.types import Array
 
 SMALL = 1e-2
-"""Squared angles below which series stand for the coefficients, exact to rounding."""
+"""Squared angle, rad^2, below which the coefficients are computed by series."""
 
 
-def orientations_of(rotations: Array) -> tuple[Quaternion, ...]:
-    """Quaternions of rotation matrices (N, 3, 3)."""
-    return tuple(from_matrix(rotation) for rotation in rotations)
-
-
-def turns_between(orientations: tuple[Quaternion, ...]) -> Array:
-    """Rotation vectors (N - 1, 3) of the shortest turns from each orientation to the next, in the former's frame."""
-    return _turns(np.array(orientations))
+def relative_rotation_vectors(orientations: tuple[Quaternion, ...]) -> Array:
+    """Rotation vectors (N - 1, 3) of the shortest rotation from each orientation to the next, in the former's frame."""
+    return _relative_rotation_vectors(np.array(orientations))
 
 
 @compiled
-def _turns(quaternions: Array) -> Array:
-    turns = np.empty((len(quaternions) - 1, 3))
-    for i in range(len(turns)):
+def _relative_rotation_vectors(quaternions: Array) -> Array:
+    vectors = np.empty((len(quaternions) - 1, 3))
+    for i in range(len(vectors)):
         (aw, ax, ay, az), (bw, bx, by, bz) = quaternions[i], quaternions[i + 1]
-        turns[i] = np.array(to_vector(multiply((aw, -ax, -ay, -az), (bw, bx, by, bz))))
-    return turns
+        vectors[i] = np.array(to_rotation_vector(multiply((aw, -ax, -ay, -az), (bw, bx, by, bz))))
+    return vectors
 
 
 def right_jacobian(theta: Array, vector: Array) -> Array:
-    """J_r(theta) vector, row by row, (N, 3)."""
+    """J_r(theta) vector of each row, (N, 3)."""
     return _row_by_row(_jacobian_rows, theta, vector)
 
 
 def inverse_right_jacobian(theta: Array, vector: Array) -> Array:
-    """J_r(theta)^-1 vector, row by row, (N, 3)."""
+    """J_r(theta)^-1 vector of each row, (N, 3)."""
     return _row_by_row(_inverse_rows, theta, vector)
 
 
 def right_jacobian_rate(theta: Array, slope: Array, vector: Array) -> Array:
-    """(d/dt J_r(theta)) vector for theta' = ``slope``, row by row, (N, 3)."""
+    """(d/dt J_r(theta)) vector of each row, with theta' = ``slope``, (N, 3)."""
     return _row_by_row(_rate_rows, theta, slope, vector)
 
 
@@ -77,7 +72,7 @@ def _row_by_row(function: Callable[..., Array], *columns: Array) -> Array:
 def _jacobian_rows(theta: Array, vector: Array) -> Array:
     result = np.empty_like(theta)
     for i in range(len(theta)):
-        result[i] = np.array(turned_jacobian(_row(theta, i), _row(vector, i)))
+        result[i] = np.array(right_jacobian_product(_row(theta, i), _row(vector, i)))
     return result
 
 
@@ -97,7 +92,7 @@ def _inverse_rows(theta: Array, vector: Array) -> Array:
 def _rate_rows(theta: Array, slope: Array, vector: Array) -> Array:
     result = np.empty_like(theta)
     for i in range(len(theta)):
-        result[i] = np.array(turned_jacobian_rate(_row(theta, i), _row(slope, i), _row(vector, i)))
+        result[i] = np.array(right_jacobian_rate_product(_row(theta, i), _row(slope, i), _row(vector, i)))
     return result
 
 
@@ -107,7 +102,7 @@ def _row(array: Array, i: int) -> Vector:
 
 
 @compiled
-def turned_jacobian(theta: Vector, v: Vector) -> Vector:
+def right_jacobian_product(theta: Vector, v: Vector) -> Vector:
     """J_r(theta) v."""
     a, b = jacobian_coefficients(dot(theta, theta))
     once = cross(theta, v)
@@ -115,8 +110,8 @@ def turned_jacobian(theta: Vector, v: Vector) -> Vector:
 
 
 @compiled
-def turned_jacobian_rate(theta: Vector, slope: Vector, v: Vector) -> Vector:
-    """(d/dt J_r(theta)) v for theta' = ``slope``."""
+def right_jacobian_rate_product(theta: Vector, slope: Vector, v: Vector) -> Vector:
+    """(d/dt J_r(theta)) v with theta' = ``slope``."""
     squared = dot(theta, theta)
     a, b = jacobian_coefficients(squared)
     a_rate, b_rate = _coefficient_rates(squared)
@@ -128,7 +123,7 @@ def turned_jacobian_rate(theta: Vector, slope: Vector, v: Vector) -> Vector:
 
 @compiled
 def jacobian_coefficients(squared: float) -> tuple[float, float]:
-    """A and B, from the squared angle."""
+    """A and B of the module's equation, for a squared angle in rad^2."""
     if squared < SMALL:
         return (
             0.5 + squared * (-1 / 24 + squared * (1 / 720 - squared / 40320)),
@@ -140,16 +135,16 @@ def jacobian_coefficients(squared: float) -> tuple[float, float]:
 
 @compiled
 def inverse_coefficient(squared: float) -> float:
-    """C in J_r^-1 = 1 + [theta] / 2 + C [theta]^2, which is 1 / a^2 - (1 + cos a) / (2 a sin a)."""
+    """C in J_r^-1 = 1 + [theta] / 2 + C [theta]^2:  C = 1 / a^2 - (1 + cos a) / (2 a sin a)."""
     if squared < SMALL:
         return 1 / 12 + squared * (1 / 720 + squared * (1 / 30240 + squared / 1209600))
     half = 0.5 * sqrt(squared)
-    return (1.0 - half * cos(half) / sin(half)) / squared  # no division by sin a, which is 0 at half a turn
+    return (1.0 - half * cos(half) / sin(half)) / squared  # does not divide by sin a, which is 0 at a = pi
 
 
 @compiled
 def _coefficient_rates(squared: float) -> tuple[float, float]:
-    """Derivatives of A and B by the angle, over the angle."""
+    """(dA/da) / a and (dB/da) / a."""
     x = squared
     if x < SMALL:
         return (

@@ -14,9 +14,10 @@ import pinocchio as pin
 import pytest
 from support import shared_path
 
-from ik_node.differential_ik.closed_form import Resolution, resolve, smooth_fade
+from ik_node.differential_ik.closed_form import ClosedFormSolution, resolve
 from ik_node.errors import InputError
-from ik_node.math.pseudoinverse import weighted_pseudoinverse
+from ik_node.math.numerics import smoothstep
+from ik_node.math.pseudoinverse import decompose, pseudoinverse
 from ik_node.math.se3 import adjoint
 from ik_node.math.types import Array
 from ik_node.robot import catalogue
@@ -115,7 +116,7 @@ def test_the_formulas_of_the_notes() -> None:
     np.testing.assert_allclose(result.null_velocity, (np.eye(7) - plus @ j) @ wi @ (-0.3 * g), atol=1e-11)
     np.testing.assert_allclose(result.multiplier_task, core @ v, atol=1e-11)
     np.testing.assert_allclose(result.multiplier_potential, core @ j @ wi @ (0.3 * g), atol=1e-11)
-    np.testing.assert_allclose(result.task_velocity, weighted_pseudoinverse(j, w).matrix @ v, atol=1e-13)
+    np.testing.assert_allclose(result.task_velocity, weighted_pseudoinverse(j, w) @ v, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
@@ -136,6 +137,62 @@ def test_kinetic_energy_of_inertia_weighted_is_least(name: str) -> None:
         for _ in range(5):
             other = inertia.joint_velocity + null @ rng.normal(size=null.shape[1])
             assert energy <= 0.5 * other @ mass @ other * (1.0 + 1e-12)
+
+
+WEIGHTED_SHAPES = [(6, 7), (6, 6), (6, 3), (3, 7), (2, 3), (1, 1), (1, 5), (5, 1)]
+
+
+def random_weight(seed: int, n: int) -> Array:
+    rng = np.random.default_rng(seed)
+    v = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    return np.asarray(v * np.geomspace(1e-3, 3.0, n) @ v.T)
+
+
+def weighted_pseudoinverse(j: Array, w: Array, rcond: float | None = None) -> Array:
+    """J_W^+: its columns are the velocities for unit twists."""
+    svd = decompose(j, rcond=rcond)
+    return np.stack([resolve(j, twist, w, svd=svd).joint_velocity for twist in np.eye(len(j))], axis=1)
+
+
+@pytest.mark.parametrize("shape", WEIGHTED_SHAPES)
+@pytest.mark.parametrize("rank", [1, 2, 9])
+def test_weighted_penrose_conditions(shape: tuple[int, int], rank: int) -> None:
+    # J P J = J, P J P = P, J P symmetric, W P J symmetric define J_W^+, also where the notes' formula has no inverse.
+    m, n = shape
+    rank = min(rank, m, n)
+    j = problem(8, m, rank)[0] @ problem(9, rank, n)[0]
+    w = random_weight(10, n)
+    assert resolve(j, np.zeros(m), w, svd=decompose(j, rcond=1e-10)).rank == rank
+    p = weighted_pseudoinverse(j, w, rcond=1e-10)
+    np.testing.assert_allclose(j @ p @ j, j, atol=1e-12)
+    np.testing.assert_allclose(p @ j @ p, p, atol=1e-10)
+    np.testing.assert_allclose(j @ p, (j @ p).T, atol=1e-12)
+    np.testing.assert_allclose(w @ p @ j, (w @ p @ j).T, atol=1e-12)
+
+
+def test_weighted_is_the_notes_formula_at_full_row_rank() -> None:
+    # W^-1 J' (J W^-1 J')^-1 with rational numbers, worked with 40 digits.
+    j, w = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]]), np.diag([1.0, 2.0, 5.0])
+    with mpmath.workdps(40):
+        jm, wi = mpmath.matrix(j.tolist()), mpmath.diag([1, mpmath.mpf(1) / 2, mpmath.mpf(1) / 5])
+        exact = np.array((wi * jm.T * (jm * wi * jm.T) ** -1).tolist(), dtype=np.float64)
+    np.testing.assert_allclose(weighted_pseudoinverse(j, w), exact, atol=1e-15)
+    np.testing.assert_allclose(weighted_pseudoinverse(j, np.eye(3)), pseudoinverse(j).matrix, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("weight", "complaint"),
+    [
+        (-np.eye(3), "weight is not positive definite"),
+        (np.diag([1.0, 1.0, 0.0]), "weight is not positive definite"),
+        (np.array([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]), "weight is not symmetric"),
+        (np.eye(4), "weight has shape"),
+        (np.full((3, 3), np.nan), "weight is not finite"),
+    ],
+)
+def test_bad_weight_is_named(weight: Array, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        resolve(np.ones((2, 3)), np.zeros(2), weight)
 
 
 def test_null_velocity_does_not_move_the_tool() -> None:
@@ -263,17 +320,6 @@ def test_zero_jacobian() -> None:
         assert not still.attained.any()
 
 
-def test_fade_promises() -> None:
-    # phi is smooth, rises from 0 to 1, phi(x)/x <= 9/8 with equality at 3/4.
-    x = np.linspace(0.0, 2.0, 2001)
-    phi = smooth_fade(x)
-    assert (np.diff(phi) >= 0.0).all()
-    assert phi[0] == 0.0
-    assert (phi[x >= 1.0] == 1.0).all()
-    assert float(np.max(phi[1:] / x[1:])) <= 9.0 / 8.0
-    assert abs(float(smooth_fade(np.array([0.75]))[0]) / 0.75 - 9.0 / 8.0) < 1e-15
-
-
 @pytest.mark.parametrize("sigma_min", [0.0, 1e-300, 1e-17, 1e-9, 1e-3, 0.015, 0.0199])
 def test_faded_answer_is_bounded_and_honest(sigma_min: float) -> None:
     # |qd| <= 9/8 |V| / threshold; V_f as defined; the multiplier finite and below 3 |V| / threshold^2 for `plain`.
@@ -287,7 +333,8 @@ def test_faded_answer_is_bounded_and_honest(sigma_min: float) -> None:
     size = float(np.linalg.norm(scale * v))
     assert np.linalg.norm(plain.joint_velocity) <= 9.0 / 8.0 * size / threshold
     assert np.linalg.norm(plain.multiplier / scale) <= 3.0 * size / threshold**2
-    expected = (u * smooth_fade(sigma / threshold) @ u.T @ (scale * v)) / scale
+    fade = np.array([smoothstep(x) for x in (sigma / threshold).tolist()])
+    expected = (u * fade @ u.T @ (scale * v)) / scale
     np.testing.assert_allclose(plain.attained, expected, atol=1e-13)
     for result in (plain, resolve(j, v, w, g, 1.0, threshold=threshold, row_scale=scale)):
         np.testing.assert_allclose(j @ result.joint_velocity, result.attained, atol=1e-12)
@@ -320,7 +367,7 @@ def test_above_the_threshold_nothing_changes_bit_for_bit() -> None:
         j, v, w, g = problem(17, *shape)
         undamped = resolve(j, v, w, g, 0.2)
         for other in (resolve(j, v, w, g, 0.2, threshold=0.1), resolve(j, v, w, g, 0.2, checked=True)):
-            for name in Resolution._fields:
+            for name in ClosedFormSolution._fields:
                 assert np.array_equal(getattr(undamped, name), getattr(other, name)), name
 
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arms import random_position
+from loop import make_robot
+from reference_solvers import METHODS, problem
 
-from benchmarks import reference_solvers
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
-from ik_node.differential_ik.constrained import names_of_binding
-from ik_node.differential_ik.fast_path import LOWER, UPPER, Usual, per_joint_of, usual_tick
+from ik_node.differential_ik.constrained import binding_names
+from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import conceded, joint_bounds, motion_limits
+from ik_node.robot.joint_limits import joint_bounds, motion_limits, relaxed
 from ik_node.settings.groups import LimitSettings
 
 ROW_SCALE = np.repeat((1.0, 0.2), 3)
@@ -29,11 +31,11 @@ class Case:
 
     def __init__(self, name: str, seed: int, method: str) -> None:
         rng = np.random.default_rng(seed)
-        self.robot = reference_solvers.arm(name)
-        task = reference_solvers.problem(self.robot, method, rng)
+        self.robot = make_robot(name)
+        task = problem(self.robot, method, rng)
         n = self.robot.n
         self.limits = motion_limits(self.robot, LimitSettings(), 500.0)
-        self.q = reference_solvers.random_position(self.robot, rng)
+        self.q = random_position(self.robot, rng)
         self.previous = rng.choice([0.0, 0.1, 1.0]) * rng.uniform(-1.0, 1.0, n) * self.limits.velocity
         self.jacobian, self.twist = task.jacobian, task.twist
         if rng.uniform() < 0.8:  # an arm on its way, told to go on, to slow down or to hurry
@@ -46,8 +48,8 @@ class Case:
         self.cap = np.full(n, 0.5)
         self.bounds = joint_bounds(self.limits, self.q, self.previous, ELAPSED_S)
 
-    def usual(self, jacobian: Array | None = None, twist: Array | None = None) -> Usual:
-        return usual_tick(
+    def fast(self, jacobian: Array | None = None, twist: Array | None = None) -> FastSolution:
+        return solve_fast(
             self.jacobian if jacobian is None else jacobian,
             self.twist if twist is None else twist,
             ROW_SCALE,
@@ -55,7 +57,7 @@ class Case:
             IDENTITY if self.weight is None else self.weight,
             NO_GRADIENT if self.gradient is None else self.gradient,
             self.gain,
-            per_joint_of(self.limits, self.cap),
+            stacked_limits(self.limits, self.cap),
             self.limits.dt_max_s,
             self.limits.recovery_speed,
             self.q,
@@ -64,7 +66,7 @@ class Case:
             *self.dampers[:2],
         )
 
-    def long_way(self) -> constrained.Bounded:
+    def long_way(self) -> constrained.ConstrainedSolution:
         return constrained.solve(
             self.jacobian,
             self.twist,
@@ -78,35 +80,35 @@ class Case:
             dampers=self.dampers,
         )
 
-    def names(self, answer: Usual) -> tuple[str, ...]:
+    def names(self, answer: FastSolution) -> tuple[str, ...]:
         n, sides = self.robot.n, answer.sides
         if not len(sides):
             return ()
         lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
-        return names_of_binding(lower, upper, sides[n:] > 0, self.bounds, self.robot.joints, self.dampers.names)
+        return binding_names(lower, upper, sides[n:] > 0, self.bounds, self.robot.joints, self.dampers.names)
 
 
-@pytest.mark.parametrize("method", reference_solvers.METHODS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_one_pass_says_what_the_parts_say(name: str, method: str) -> None:
     usual = bound = 0
     for seed in range(200):
         case = Case(name, seed, method)
-        answer, expected = case.usual(), case.long_way()
+        answer, expected = case.fast(), case.long_way()
         smallest = np.linalg.svd(ROW_SCALE[:, None] * case.jacobian, compute_uv=False)[-1]
-        if not answer.usual:
+        if not answer.valid:
             at_rest = np.minimum(np.maximum(0.0, case.bounds.lo), case.bounds.hi)
             hindered = bool((case.dampers.rows @ at_rest < case.dampers.least).any())
-            names = conceded(case.bounds, case.robot.joints)
+            names = relaxed(case.bounds, case.robot.joints)
             astray = case.jacobian @ expected.base_velocity - expected.base_scale * case.twist
             assert smallest < CLEAR or hindered or names or np.abs(astray).max() > 1e-9
             continue
         usual += 1
         bound += len(answer.sides) > 0
         assert smallest >= CLEAR
-        assert answer.scale == pytest.approx(expected.scale, abs=1e-12)
+        assert answer.task_scale == pytest.approx(expected.task_scale, abs=1e-12)
         assert answer.joint_velocity == pytest.approx(expected.joint_velocity, rel=1e-9, abs=1e-12)
-        assert answer.multiplier_task == pytest.approx(expected.unbounded.multiplier_task, rel=1e-9, abs=1e-12)
+        assert answer.multiplier_task == pytest.approx(expected.unconstrained.multiplier_task, rel=1e-9, abs=1e-12)
         assert answer.singular_values[-1] == pytest.approx(smallest, rel=1e-12)
         assert case.names(answer) == expected.binding(case.bounds, case.robot.joints, case.dampers)
         assert (answer.joint_velocity >= case.bounds.lo).all()
@@ -122,8 +124,8 @@ def test_what_is_not_finite_is_not_usual(value: float) -> None:
     case = Case("panda", 1, "inertia_weighted")
     twist = case.twist.copy()
     twist[3] = value
-    assert not case.usual(twist=twist).usual
+    assert not case.fast(twist=twist).valid
     jacobian = case.jacobian.copy()
     jacobian[2, 3] = value
     with pytest.raises(np.linalg.LinAlgError):
-        case.usual(jacobian=jacobian)
+        case.fast(jacobian=jacobian)

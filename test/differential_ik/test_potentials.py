@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import ball_arm
+from arms import ball_arm, random_position
+from loop import make_robot
 
-from benchmarks.reference_solvers import arm, random_position
 from ik_node.collision import avoidance
 from ik_node.collision import geometry as collision_geometry
-from ik_node.collision.avoidance import look_around
-from ik_node.collision.distances import Clearance
-from ik_node.collision.scene import AHEAD_S, Scene, obstacle, read_scene, shape
+from ik_node.collision.avoidance import LOOK_AHEAD_S, avoidance_terms
+from ik_node.collision.distances import DistanceQuery
+from ik_node.collision.scene import EXTRAPOLATION_S, Scene, obstacle, read_scene, shape
 from ik_node.collision.velocity_damper import VelocityDampers
-from ik_node.differential_ik import constrained, gravity, posture
-from ik_node.differential_ik.manipulability import dexterity
+from ik_node.differential_ik import constrained, posture
+from ik_node.differential_ik.manipulability import manipulability_potential
+from ik_node.differential_ik.methods import METHODS
 from ik_node.errors import InputError, SceneError
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import joint_bounds, motion_limits
@@ -37,13 +38,15 @@ def at(x: float, y: float, z: float) -> Array:
     return pose
 
 
-def value_and_gradient(clearance: Clearance, scene: Scene, q: Array, settings: ObstacleSettings) -> tuple[float, Array]:
+def value_and_gradient(
+    clearance: DistanceQuery, scene: Scene, q: Array, settings: ObstacleSettings
+) -> tuple[float, Array]:
     still = np.zeros(len(q))
-    found = look_around(clearance, scene, q, still, still, settings, 0.01, 0).potential
+    found = avoidance_terms(clearance, scene, q, still, still, settings, 0.01, 0).potential
     return found.value, found.gradient
 
 
-def by_differences(clearance: Clearance, scene: Scene, q: Array, settings: ObstacleSettings, step: float) -> Array:
+def by_differences(clearance: DistanceQuery, scene: Scene, q: Array, settings: ObstacleSettings, step: float) -> Array:
     result = np.zeros(len(q))
     for joint in range(len(q)):
         up, down = q.copy(), q.copy()
@@ -58,7 +61,7 @@ def test_psi_is_smooth_bounded_and_one_sided() -> None:
     """Zero beyond the range, continuously differentiable at both joints, never steeper than 1, never a pull."""
     span = np.full(4001, 0.15)
     distance = np.linspace(-0.2, 0.2, 4001)
-    value, slope = avoidance.push(distance, span)
+    value, slope = avoidance.repulsion_profile(distance, span)
     assert (value >= 0.0).all()
     assert (slope <= 0.0).all()
     assert (slope >= -1.0).all()
@@ -71,8 +74,8 @@ def test_psi_is_smooth_bounded_and_one_sided() -> None:
 def test_repulsion_is_the_gradient_of_its_potential(base_offset: str) -> None:
     """1e-6 relative, with pairs in range, in contact and in penetration, obstacles and the arm's own links."""
     robot = ball_arm(base_offset=base_offset)
-    clearance, rng = Clearance(collision_geometry.load(robot)), np.random.default_rng(1)
-    settings, active = ObstacleSettings(range=0.3, self_range=0.2), 0
+    clearance, rng = DistanceQuery(collision_geometry.load(robot)), np.random.default_rng(1)
+    settings, active = ObstacleSettings(repulsion_range=(0.3, 0.2)), 0
     for _ in range(15):
         q, scene = random_position(robot, rng), Scene()
         for index in range(8):
@@ -86,8 +89,8 @@ def test_repulsion_is_the_gradient_of_its_potential(base_offset: str) -> None:
 
 def test_repulsion_of_hulls_within_a_measured_tolerance() -> None:
     """Links of a Panda: nearest points on flat faces move faster than the distance changes; 1e-3 relative there."""
-    robot = arm("panda")
-    clearance, rng, errors = Clearance(collision_geometry.load(robot)), np.random.default_rng(2), []
+    robot = make_robot("panda")
+    clearance, rng, errors = DistanceQuery(collision_geometry.load(robot)), np.random.default_rng(2), []
     for _ in range(30):
         q, scene = random_position(robot, rng), Scene()
         for index in range(6):
@@ -104,16 +107,16 @@ def test_repulsion_of_hulls_within_a_measured_tolerance() -> None:
 def test_the_push_leads_away_on_both_sides_of_contact() -> None:
     """Away from a ball beside the tool, at any depth down to the middle, by no more than F times a lever."""
     robot = ball_arm()
-    clearance, q = Clearance(collision_geometry.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
+    clearance, q = DistanceQuery(collision_geometry.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
     tip = robot.pose(q)
     end = tip[:3, 3] + 0.3 * tip[:3, 2]
     jacobian = robot.evaluate(q).jacobian_b
     linear = tip[:3, :3] @ (jacobian[:3] + np.cross(jacobian[3:].T, [0.0, 0.0, 0.3]).T)
     for offset in np.linspace(0.29, 0.01, 57):
         scene = Scene().put(obstacle("ball", shape("sphere", (0.1,)), at(end[0] + offset, end[1], end[2])))
-        _, gradient = value_and_gradient(clearance, scene, q, ObstacleSettings(self_range=0.001))
+        _, gradient = value_and_gradient(clearance, scene, q, ObstacleSettings(repulsion_range=(0.2, 0.001)))
         assert (linear @ -gradient)[0] < 0.0
-        assert np.abs(gradient).max() <= SETTINGS.strength * 1.9
+        assert np.abs(gradient).max() <= SETTINGS.repulsion_force * 1.9
 
 
 def around(q: Array) -> list[Array]:
@@ -130,19 +133,19 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
     """Out of range now, met in a moment at the present velocity: pushed already, by the gradient at that place."""
     robot = ball_arm()
     clearance, q, qd = (
-        Clearance(collision_geometry.load(robot)),
+        DistanceQuery(collision_geometry.load(robot)),
         np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6]),
         np.zeros(6),
     )
     qd[0] = 0.5
-    there = robot.pose(q + SETTINGS.look_ahead_s * qd)
+    there = robot.pose(q + LOOK_AHEAD_S * qd)
     end = there[:3, 3] + 0.3 * there[:3, 2] + (0.2, 0.0, 0.0)
     scene = Scene().put(obstacle("ball", shape("sphere", (0.1,)), at(*end)))
     still = np.zeros(6)
-    settings = ObstacleSettings(self_range=0.001)
-    assert not look_around(clearance, scene, q, still, still, settings, 0.01, 0).potential.gradient.any()
-    ahead = look_around(clearance, scene, q, qd, still, settings, 0.01, 0).potential
-    same = look_around(clearance, scene, q + SETTINGS.look_ahead_s * qd, still, still, settings, 0.01, 0).potential
+    settings = ObstacleSettings(repulsion_range=(0.2, 0.001))
+    assert not avoidance_terms(clearance, scene, q, still, still, settings, 0.01, 0).potential.gradient.any()
+    ahead = avoidance_terms(clearance, scene, q, qd, still, settings, 0.01, 0).potential
+    same = avoidance_terms(clearance, scene, q + LOOK_AHEAD_S * qd, still, still, settings, 0.01, 0).potential
     assert ahead.gradient == pytest.approx(same.gradient, abs=1e-9)
     assert ahead.value == pytest.approx(same.value)
     assert ahead.gradient.any()
@@ -150,7 +153,7 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
 
 def test_dexterity_is_the_gradient_along_the_null_space() -> None:
     """Against differences of its value; nothing while the arm is not stretched, nothing without a null space."""
-    robot, rng, pushed = arm("panda"), np.random.default_rng(4), 0
+    robot, rng, pushed = make_robot("panda"), np.random.default_rng(4), 0
     scale = np.repeat((1.0, 0.3), 3)
 
     def jacobian_at(q: Array) -> Array:
@@ -158,54 +161,61 @@ def test_dexterity_is_the_gradient_along_the_null_space() -> None:
 
     for _ in range(60):
         q = random_position(robot, rng)
-        found = dexterity(jacobian_at, q, scale, 30_000.0)
+        found = manipulability_potential(jacobian_at, q, scale, 30_000.0)
         null = np.linalg.svd(scale[:, None] * jacobian_at(q))[2][-1]
         step = 1e-5
-        difference = dexterity(jacobian_at, q + step * null, scale, 30_000.0).value
-        difference -= dexterity(jacobian_at, q - step * null, scale, 30_000.0).value
+        difference = manipulability_potential(jacobian_at, q + step * null, scale, 30_000.0).value
+        difference -= manipulability_potential(jacobian_at, q - step * null, scale, 30_000.0).value
         assert found.gradient @ null == pytest.approx(difference / (2.0 * step), rel=1e-4, abs=1e-3)
         assert np.linalg.norm(found.gradient - (found.gradient @ null) * null) < 1e-9
         pushed += bool(found.gradient.any())
     assert 3 < pushed < 50
-    six = arm("ur5")
-    assert not dexterity(lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale, 30_000.0).gradient.any()
+    six = make_robot("ur5")
+    assert not manipulability_potential(
+        lambda q: six.evaluate(q).jacobian_b, np.zeros(6), scale, 30_000.0
+    ).gradient.any()
 
 
 def test_secondary_gradients() -> None:
     """Centring and posture against finite differences; gravity against Pinocchio's energy; continuous joints apart."""
     rng = np.random.default_rng(3)
     for name in ("panda", "kinova"):
-        robot = arm(name)
+        robot = make_robot(name)
         q, wanted = random_position(robot, rng), random_position(robot, rng)
         for gradient, values in (
-            (posture.centring(robot, q, 2.0).gradient, [posture.centring(robot, p, 2.0).value for p in around(q)]),
             (
-                posture.towards(robot, q, wanted, 3.0).gradient,
-                [posture.towards(robot, p, wanted, 3.0).value for p in around(q)],
+                posture.joint_centering(robot, q, 2.0).gradient,
+                [posture.joint_centering(robot, p, 2.0).value for p in around(q)],
+            ),
+            (
+                posture.posture_potential(robot, q, wanted, 3.0).gradient,
+                [posture.posture_potential(robot, p, wanted, 3.0).value for p in around(q)],
             ),
         ):
             assert gradient == pytest.approx(central(values), abs=1e-7)
-        assert (posture.centring(robot, q, 2.0).gradient[robot.continuous] == 0.0).all()
-    robot = arm("panda")
+        assert (posture.joint_centering(robot, q, 2.0).gradient[robot.continuous] == 0.0).all()
+    robot = make_robot("panda")
     q = random_position(robot, rng)
     energy = central([pin.computePotentialEnergy(robot.model, robot.data, p) for p in around(q)])
-    assert gravity.gravity(robot.dynamics(q), 0.5).gradient == pytest.approx(0.5 * energy, abs=1e-6)
+    gravity = METHODS["gravity_gradient"](robot, q, None).gradient
+    assert gravity is not None
+    assert 0.5 * gravity == pytest.approx(0.5 * energy, abs=1e-6)
 
 
 def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, settings: ObstacleSettings) -> list[Array]:
     """Moves at ``twist_s`` (linear and angular along the base's axes), 500 Hz; rows of q, s and the clearance."""
     limits = motion_limits(robot, LimitSettings(), 500.0)
-    clearance, qd, rows = Clearance(collision_geometry.load(robot)), np.zeros(robot.n), []
+    clearance, qd, rows = DistanceQuery(collision_geometry.load(robot)), np.zeros(robot.n), []
     for tick in range(ticks):
         bounds = joint_bounds(limits, q, qd, 0.002)
         change = np.maximum(bounds.hi - qd, qd - bounds.lo)
-        around = look_around(clearance, scene, q, qd, change, settings, 0.01, tick * 2_000_000, repel=False)
+        around = avoidance_terms(clearance, scene, q, qd, change, settings, 0.01, tick * 2_000_000, repel=False)
         state = robot.evaluate(q)
         turn = state.pose_sb[:3, :3].T
         twist = np.concatenate((turn @ twist_s[:3], turn @ twist_s[3:]))
         answer = constrained.solve(state.jacobian_b, twist, bounds.lo, bounds.hi, dampers=around.dampers)
         qd = answer.joint_velocity
-        rows.append(np.array([answer.scale, around.closest.distance, answer.damper_slack.sum(), *q]))
+        rows.append(np.array([answer.task_scale, around.closest.distance, answer.damper_slack.sum(), *q]))
         q = q + 0.002 * qd
     return rows
 
@@ -213,13 +223,13 @@ def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, sett
 def test_the_damper_stops_before_contact_and_lets_go() -> None:
     """Driven at 0.3 m/s at an obstacle on its path, the arm comes to rest at the stop distance; away from it, it leaves
     at full speed from the first ticks on, as fast as its acceleration limits allow without a damper."""
-    robot, q = arm("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     ahead = robot.pose(q)[:3, 3] + (0.0, -0.45, 0.0)
     scene = Scene().put(obstacle("post", shape("sphere", (0.1,)), at(*ahead)))
     rows = drive(robot, scene, q, np.array([0.0, -0.3, 0.0, 0.0, 0.0, 0.0]), 1500, SETTINGS)
     clearances = np.array([row[1] for row in rows])
-    assert clearances.min() > SETTINGS.stop_distance - 1e-3
-    assert clearances[-1] < SETTINGS.stop_distance + 2e-3
+    assert clearances.min() > SETTINGS.stop_distance[0] - 1e-3
+    assert clearances[-1] < SETTINGS.stop_distance[0] + 2e-3
     assert rows[-1][0] < 0.02  # s: at rest in front of it.
     assert sum(row[2] for row in rows) == 0.0  # The dampers never had to give way.
     stopped = rows[-1][3:]
@@ -230,31 +240,31 @@ def test_the_damper_stops_before_contact_and_lets_go() -> None:
 
 def test_an_obstacle_that_comes_nearer_by_itself() -> None:
     """A ball at 0.1 m/s against an arm told to stay: the arm gives way before it is touched."""
-    robot, q = arm("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     start = robot.pose(q)[:3, 3] + (0.0, -0.4, 0.0)
     ball = obstacle("ball", shape("sphere", (0.1,)), at(*start), velocity_s=np.array([0.0, 0.1, 0.0]))
     rows = drive(robot, Scene().put(ball), q, np.zeros(6), 1800, SETTINGS)
     clearances = np.array([row[1] for row in rows])
-    assert clearances.min() > 0.5 * SETTINGS.stop_distance
+    assert clearances.min() > 0.5 * SETTINGS.stop_distance[0]
     assert np.abs(rows[-1][3:] - q).max() > 0.05  # It had to move.
 
 
 def test_dampers_name_only_what_can_bind() -> None:
     """Rows cost time: far or receding pairs do not appear; those that do are named link - obstacle."""
-    robot, q = arm("panda"), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
-    clearance, qd, change = Clearance(collision_geometry.load(robot)), np.zeros(7), np.full(7, 0.02)
+    robot, q = make_robot("panda"), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
+    clearance, qd, change = DistanceQuery(collision_geometry.load(robot)), np.zeros(7), np.full(7, 0.02)
     near = robot.pose(q)[:3, 3] + (0.2, 0.0, 0.0)
     scene = Scene().put(obstacle("post", shape("sphere", (0.1,)), at(*near)))
     scene = scene.put(obstacle("far", shape("sphere", (0.1,)), at(3.0, 0.0, 0.0)))
-    assert look_around(clearance, scene, q, qd, change, SETTINGS, 0.01, 0).dampers.names == ()
+    assert avoidance_terms(clearance, scene, q, qd, change, SETTINGS, 0.01, 0).dampers.names == ()
     fast = np.linalg.pinv(robot.evaluate(q).jacobian_b) @ np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     fast = fast + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    found: VelocityDampers = look_around(clearance, scene, q, fast, change, SETTINGS, 0.01, 0).dampers
+    found: VelocityDampers = avoidance_terms(clearance, scene, q, fast, change, SETTINGS, 0.01, 0).dampers
     assert found.names
     assert all("post" in name or "panda" in name.split(" - ")[1] for name in found.names)
     assert not any("far" in name for name in found.names)
-    off = ObstacleSettings(damper=False)
-    assert look_around(clearance, scene, q, fast, change, off, 0.01, 0).dampers.names == ()
+    off = ObstacleSettings(velocity_damper=False)
+    assert avoidance_terms(clearance, scene, q, fast, change, off, 0.01, 0).dampers.names == ()
 
 
 def test_obstacles_have_a_motion_of_their_own() -> None:
@@ -265,7 +275,7 @@ def test_obstacles_have_a_motion_of_their_own() -> None:
     seen = scene.obstacles["b"]
     assert seen.velocity_s == pytest.approx([0.1, 0.0, 0.0])
     assert seen.at(150 * ms).pose_s[0, 3] == pytest.approx(0.015)
-    assert seen.at(2000 * ms).pose_s[0, 3] == pytest.approx(0.01 + 0.1 * AHEAD_S)
+    assert seen.at(2000 * ms).pose_s[0, 3] == pytest.approx(0.01 + 0.1 * EXTRAPOLATION_S)
     assert not seen.at(2000 * ms).moves
     leapt = scene.put(obstacle("b", ball, at(1.0, 0.0, 0.0), 200 * ms))
     assert not leapt.obstacles["b"].moves
@@ -300,7 +310,7 @@ def test_scene_files(tmp_path: Path) -> None:
         ("obstacles: [{sphere: {radius: -1}}]", "radius -1"),
         ("obstacles: [{sphere: {radios: 1}}]", "radios; expected radius"),
         ("obstacles: [{sphere: {radius: 1}, colour: red}]", "unknown key 'colour'"),
-        ("obstacles: [{name: a, sphere: {radius: 1}}, {name: a, sphere: {radius: 1}}]", "two obstacles called 'a'"),
+        ("obstacles: [{name: a, sphere: {radius: 1}}, {name: a, sphere: {radius: 1}}]", "two obstacles named 'a'"),
         ("obstacles: [{sphere: {radius: 1}, frame: x}]", "without a robot"),
         ("obstacles: [{sphere: {radius: 1}, position: [0, .nan, 0]}]", "not finite"),
         ("obstacles: [3]", "expected a mapping"),

@@ -13,7 +13,7 @@ import pytest
 from support import shared_path
 
 from ik_node.errors import InputError
-from ik_node.math.pseudoinverse import decompose, pseudoinverse, weighted_pseudoinverse
+from ik_node.math.pseudoinverse import decompose, pseudoinverse
 from ik_node.math.types import Array
 
 SHAPES = [(6, 7), (6, 6), (6, 3), (3, 7), (2, 3), (1, 1), (1, 5), (5, 1)]
@@ -24,12 +24,6 @@ def random_matrix(seed: int, m: int, n: int, sigma_min: float = 0.1) -> Array:
     size = min(m, n)
     u, v = np.linalg.qr(rng.normal(size=(m, m)))[0], np.linalg.qr(rng.normal(size=(n, n)))[0]
     return np.asarray(u[:, :size] * np.geomspace(2.0, sigma_min if size > 1 else 2.0, size) @ v[:, :size].T)
-
-
-def random_spd(seed: int, n: int) -> Array:
-    rng = np.random.default_rng(seed)
-    v = np.linalg.qr(rng.normal(size=(n, n)))[0]
-    return np.asarray(v * np.geomspace(1e-3, 3.0, n) @ v.T)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -117,33 +111,6 @@ def test_zero_matrix() -> None:
     np.testing.assert_array_equal(pseudoinverse(np.zeros((2, 3)), damping=0.1).matrix, np.zeros((3, 2)))
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("rank", [1, 2, 9])
-def test_weighted_penrose_conditions(shape: tuple[int, int], rank: int) -> None:
-    # J P J = J, P J P = P, J P symmetric, W P J symmetric define J_W^+, also where the notes' formula has no inverse.
-    m, n = shape
-    rank = min(rank, m, n)
-    j = random_matrix(8, m, rank) @ random_matrix(9, rank, n)
-    w = random_spd(10, n)
-    result = weighted_pseudoinverse(j, w, rcond=1e-10)
-    p = result.matrix
-    assert result.rank == rank
-    np.testing.assert_allclose(j @ p @ j, j, atol=1e-12)
-    np.testing.assert_allclose(p @ j @ p, p, atol=1e-10)
-    np.testing.assert_allclose(j @ p, (j @ p).T, atol=1e-12)
-    np.testing.assert_allclose(w @ p @ j, (w @ p @ j).T, atol=1e-12)
-
-
-def test_weighted_is_the_notes_formula_at_full_row_rank() -> None:
-    # W^-1 J' (J W^-1 J')^-1 with rational numbers, worked with 40 digits.
-    j, w = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]]), np.diag([1.0, 2.0, 5.0])
-    with mpmath.workdps(40):
-        jm, wi = mpmath.matrix(j.tolist()), mpmath.diag([1, mpmath.mpf(1) / 2, mpmath.mpf(1) / 5])
-        exact = np.array((wi * jm.T * (jm * wi * jm.T) ** -1).tolist(), dtype=np.float64)
-    np.testing.assert_allclose(weighted_pseudoinverse(j, w).matrix, exact, atol=1e-15)
-    np.testing.assert_allclose(weighted_pseudoinverse(j, np.eye(3)).matrix, pseudoinverse(j).matrix, atol=1e-15)
-
-
 def test_exact_inverse_of_hilbert_like_matrix() -> None:
     # LU against the exact rational inverse of the 4x4 Hilbert matrix (integers), relative to its condition.
     hilbert = np.array([[float(Fraction(1, i + k + 1)) for k in range(4)] for i in range(4)])
@@ -173,21 +140,6 @@ def _bad() -> list[tuple[str, dict[str, Any]]]:
 def test_bad_input_is_named(name: str, arguments: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=name):
         pseudoinverse(**arguments)
-
-
-@pytest.mark.parametrize(
-    ("weight", "complaint"),
-    [
-        (-np.eye(3), "weight is not positive definite"),
-        (np.diag([1.0, 1.0, 0.0]), "weight is not positive definite"),
-        (np.array([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]), "weight is not symmetric"),
-        (np.eye(4), "weight has shape"),
-        (np.full((3, 3), np.nan), "weight is not finite"),
-    ],
-)
-def test_bad_weight_is_named(weight: Array, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        weighted_pseudoinverse(np.ones((2, 3)), weight)
 
 
 def test_decompose_never_takes_nan_for_rank_zero() -> None:

@@ -17,8 +17,9 @@ from ik_node.errors import SettingsError
 from ik_node.settings.replaced import replacement
 from ik_node.settings.schema import Descriptor, Group, Value, setting
 
-METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
-"""Values of ``method``. :mod:`ik_node.differential_ik.methods` has one function of each name."""
+METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+"""Values of ``method``. A new method is a name here and a function of that name in
+:mod:`ik_node.differential_ik.methods`."""
 CONTROL_LAWS = ("twist_feedback", "ik_difference")
 """Values of ``control_law``; implemented in :mod:`ik_node.control.feedback`."""
 
@@ -69,7 +70,7 @@ class ControlSettings(Group):
         read_only=True,
     )
     method: str = setting(
-        "plain", "Cost that selects the joint velocity among those with the same twist.", choices=METHODS
+        "plain", "Cost that selects the joint velocity among those with the same twist.", choices=METHOD_NAMES
     )
     gradient_gain: float = setting(
         0.02, "Gain k of the methods with a gradient; too large a gain is unstable.", "s", 0.0, 1.0

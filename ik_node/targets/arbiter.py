@@ -1,15 +1,14 @@
-"""Which input is in command, and the motion that it asks for.
+"""Selects the active input among poses, paths, trajectories and twists, and returns its reference motion.
 
-The rule: **the latest one that asks for something is in command.** A pose, a path, a trajectory or a twist that is
-accepted takes command from whatever had it; a running path is dropped by a pose and a stream by a path. A twist of zero
-asks for nothing: it keeps or ends a jog, but takes command from nobody. An input that falls silent, or a path that is
-done, keeps the arm where it left it (hold) until the next one.
+Rule: **the latest accepted target is active.** A pose, path, trajectory or twist that is accepted replaces the active
+input; a pose cancels a running path, and a path ends a stream. A zero twist keeps or ends jogging, but does not replace
+another input. When the active input ends, the arm holds the last pose until the next target.
 
-The reference never jumps: whoever takes command gets it with the position, velocity and acceleration that it has.
+The reference never jumps: the new input takes over its position, velocity and acceleration.
 
-What ``time_rate`` does: the reference of a path and of a jog goes on by the part s of each twist that the limits let
-through, so that a path is kept, only later, and a jog does not run ahead of the arm. A stream cannot be slowed: its
-samples say where the target is now. There the arm falls behind, and catches up along the shortest way.
+``time_rate`` is the fraction s of each twist that the limits allow. The references of paths and of jogging advance by
+that fraction, so that a path is followed later but exactly, and jogging does not run ahead of the arm. A stream cannot
+be slowed down, since its samples are the present target: the arm falls behind and catches up on the shortest way.
 """
 
 from __future__ import annotations
@@ -46,13 +45,13 @@ from ik_node.targets.stream.stream import StreamedPoses, StreamSnapshot
 MAX_STAMP_AGE_S = 1.0
 """If the stamp of a target is older than this, the time of arrival is used instead."""
 SOURCE_CHANGES = 4
-"""So many changes of command between two inputs ..."""
+"""This many changes between two inputs ..."""
 SOURCE_CHANGES_WITHIN_S = 2.0
-"""... in this time mean that both are being published at once."""
+"""... within this time mean that both are published at the same time."""
 
 
 class TargetSource(Enum):
-    """Who is in command; the values are the names of the inputs."""
+    """The active input; the values are the names of the topics."""
 
     NONE = "none"
     POSE = "target_pose"
@@ -62,26 +61,26 @@ class TargetSource(Enum):
 
 
 class ArbiterSnapshot(NamedTuple):
-    """Everything that is remembered; plain data."""
+    """State of :class:`TargetArbiter`; plain data."""
 
     source: TargetSource
     previous_source: TargetSource
-    """Who was in command before."""
+    """The input that was active before."""
     changes_ns: tuple[int, ...]
-    """When command last changed between those two."""
+    """Times of the last changes between those two."""
     time_ns: int
     warning: str
-    """What a person should know about the last path or twist."""
+    """Warning about the last path or twist; empty for none."""
     stream: StreamSnapshot
     path: PathSnapshot
     jog: JogSnapshot
 
 
 class TargetArbiter:
-    """Every input's targets in, one motion out. All times are monotonic nanoseconds; one thread."""
+    """Targets of all inputs in, one reference motion out; times are monotonic nanoseconds, one thread."""
 
     def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
-        """``robot``: so that paths without times get some that its joints can keep."""
+        """``robot``: its joint limits bound the speed along paths without time stamps; None to ignore them."""
         self._stream = StreamedPoses(settings.target)
         self._path = PathFollower(settings, robot)
         self._jog = Jog(settings)
@@ -92,14 +91,14 @@ class TargetArbiter:
         self._warning = ""
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on; whoever is in command goes on."""
+        """Applies other settings; the active input is kept."""
         self._settings = settings
         self._stream.configure(settings.target)
         self._path.configure(settings)
         self._jog.configure(settings)
 
     def capture(self) -> ArbiterSnapshot:
-        """A snapshot, for :meth:`restore`."""
+        """A snapshot for :meth:`restore`."""
         return ArbiterSnapshot(
             self._source,
             self._previous_source,
@@ -112,16 +111,16 @@ class TargetArbiter:
         )
 
     def restore(self, snapshot: ArbiterSnapshot) -> None:
-        """Goes on from a snapshot, bit for bit."""
+        """Continues from a snapshot, bit for bit."""
         self._source, self._previous_source, self._changes_ns, self._time_ns, self._warning = snapshot[:5]
         self._stream.restore(snapshot.stream)
         self._path.restore(snapshot.path)
         self._jog.restore(snapshot.jog)
 
-    # --- inputs ------------------------------------------------------------------------------------------------------
+    # --- inputs -------------------------------------------------------------------------------------------------------
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """Nobody in command, at rest at ``pose_sd`` (4, 4); everything else is forgotten."""
+        """Starts without an active input, at rest at ``pose_sd`` (4, 4)."""
         self._source = self._previous_source = TargetSource.NONE
         self._changes_ns, self._warning, self._time_ns = (), "", time_ns
         self._stream.start(pose_sd, time_ns)
@@ -129,7 +128,7 @@ class TargetArbiter:
         self._jog.begin(_resting(pose_sd), time_ns)
 
     def rest_at(self, pose_sd: Array, time_ns: int) -> None:
-        """Goes on with whoever is in command, from rest at ``pose_sd``: for an arm that did not follow for a while."""
+        """Continues with the active input from rest at ``pose_sd`` (4, 4), after the arm has not followed."""
         reference = _resting(pose_sd)
         self._time_ns = time_ns
         if self._source is TargetSource.POSE:
@@ -140,7 +139,12 @@ class TargetArbiter:
             self._jog.rest_at(reference, time_ns)
 
     def on_pose(self, pose_sd: Array, stamped: Stamped) -> None:
-        """A checked pose (4, 4) of the stream."""
+        """Adds a pose of the stream.
+
+        Args:
+            pose_sd: T_sd (4, 4), checked.
+            stamped: Its times.
+        """
         if self._source is not TargetSource.POSE:
             reference = self._motion()
             self._take_command(TargetSource.POSE, stamped.received_ns)
@@ -148,18 +152,45 @@ class TargetArbiter:
         self._stream.add(pose_sd, stamped)
 
     def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant, q: Array | None = None) -> None:
-        """A path; the joints are at q (n,). Raises TargetRefused naming the pose, and goes on with what it had.
+        """Starts a path.
 
-        Without q, times for a path that has none are found from the bounds on the tool's motion alone.
+        Args:
+            sample: The path.
+            frame_pose: Function from the name of a frame to its pose T_sf.
+            now: Time of arrival.
+            q: Joint positions (n,); without them only the bounds of the tool limit the speed along a path without
+                time stamps.
+
+        Raises:
+            TargetRefused: The path is invalid; the message states the number of the pose. The active input is kept.
         """
         self._follow(request_from_path(sample, frame_pose, now, self._settings.path), TargetSource.PATH, now, q)
 
     def on_trajectory(self, sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> None:
-        """A trajectory. Raises TargetRefused naming the point, and goes on with what it had."""
+        """Starts a trajectory.
+
+        Args:
+            sample: The trajectory.
+            frame_pose: Function from the name of a frame to its pose T_sf.
+            now: Time of arrival.
+
+        Raises:
+            TargetRefused: The trajectory is invalid; the message states the number of the point. The active input is
+                kept.
+        """
         self._follow(request_from_trajectory(sample, frame_pose, now), TargetSource.TRAJECTORY, now)
 
     def on_twist(self, sample: TwistSample, frame: TwistFrame, now: Instant) -> None:
-        """A twist to jog by. Raises TargetRefused, and goes on with what it had."""
+        """Jogs by a twist.
+
+        Args:
+            sample: The twist.
+            frame: Axes in which it is expressed, from :func:`twist_frame`.
+            now: Time of arrival.
+
+        Raises:
+            TargetRefused: The twist is invalid, too fast or too old. The active input is kept.
+        """
         try:
             twist = checked_vector(sample.twist, 6, "target twist")
         except InputError as error:
@@ -179,7 +210,9 @@ class TargetArbiter:
             self._take_command(TargetSource.TWIST, now.monotonic_ns)
             self._jog.begin(reference, self._time_ns)
         self._jog.add(twist, frame, stamped)
-        self._warning = "stamps of target_twist disagree with this clock; arrival counts" if stamped.skew_ns else ""
+        self._warning = (
+            "stamps of target_twist disagree with this clock; using the time of arrival" if stamped.skew_ns else ""
+        )
 
     def _follow(self, request: PathRequest, source: TargetSource, now: Instant, q: Array | None = None) -> None:
         reference = self._motion()
@@ -197,13 +230,19 @@ class TargetArbiter:
         if not self._on_path:
             self._path.forget()
 
-    # --- ticks -------------------------------------------------------------------------------------------------------
+    # --- control steps ------------------------------------------------------------------------------------------------
 
     def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
-        """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
+        """The desired motion at a control step.
 
-        ``time_rate``: the part of the last twist that the arm did, 0 to 1: s, and 0 while the robot does not follow.
-        ``pose_sb`` (4, 4): where the tool is; without it there is no distance to a path, and no leash on a jog.
+        Args:
+            time_ns: Monotonic time of the step.
+            hold_s: Time for which the twist will be applied.
+            time_rate: Fraction of the last twist that the arm executed, 0 to 1; 0 while the robot does not follow.
+            pose_sb: Measured T_sb (4, 4), for the distance from a path and the lead limit of jogging; None for neither.
+
+        Returns:
+            T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
         """
         self._time_ns = max(self._time_ns, time_ns)
         if self._source is TargetSource.POSE:
@@ -213,7 +252,7 @@ class TargetArbiter:
         return self._jog.advance(time_ns, hold_s, time_rate, pose_sb)
 
     def _motion(self) -> RigidMotion:
-        """The reference at the last tick."""
+        """The reference at the last control step."""
         if self._source is TargetSource.POSE:
             return self._stream.motion()
         return self._path.motion() if self._on_path else self._jog.motion()
@@ -222,16 +261,16 @@ class TargetArbiter:
     def _on_path(self) -> bool:
         return self._source in (TargetSource.PATH, TargetSource.TRAJECTORY)
 
-    # --- what there is to say ----------------------------------------------------------------------------------------
+    # --- status -------------------------------------------------------------------------------------------------------
 
     @property
     def source(self) -> TargetSource:
-        """Which input is in command, or was when it ended."""
+        """The active input, also after it has ended."""
         return self._source
 
     @property
     def ended(self) -> bool:
-        """Nothing more is asked for; the last pose is held."""
+        """True if there is no active target; the last pose is held."""
         if self._source is TargetSource.POSE:
             return self._stream.ended
         if self._on_path:
@@ -240,41 +279,41 @@ class TargetArbiter:
 
     @property
     def reason(self) -> str:
-        """What is being done, in words that stay the same while it is."""
+        """Status text; it changes only when the activity does."""
         return self.reason_when(self.ended)
 
     def reason_when(self, ended: bool) -> str:
-        """:attr:`reason`, for who has asked for :attr:`ended`."""
+        """:attr:`reason` with a known value of :attr:`ended`."""
         if self._source is TargetSource.POSE:
             return "the target stream has ended; holding the last pose" if ended else "following target_pose"
         name = self._source.value
         if self._source is TargetSource.NONE:
             return "no target yet"
         if self._source is TargetSource.TWIST:
-            return f"no {name} any more; holding the pose" if ended else f"jogging by {name}"
+            return f"{name} has ended; holding the pose" if ended else f"jogging by {name}"
         return self._path_reason(name)
 
     def _path_reason(self, name: str) -> str:
         if self._path.finished:
-            return f"{name} is done; holding its last pose"
+            return f"{name} has ended; holding its last pose"
         if self._path.timing:
-            return f"finding times for {name}"
+            return f"computing times for {name}"
         if self._path.waiting:
-            return f"there, but {name} begins later" if self._path.early else f"going to {name}"
+            return f"waiting for the start time of {name}" if self._path.early else f"moving to {name}"
         return f"following {name}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a person should know besides."""
+        """Warnings for the user."""
         if self._source is TargetSource.POSE and not self._warning and len(self._changes_ns) < SOURCE_CHANGES:
             return ()
         found = []
         changes = self._changes_ns
         if len(changes) == SOURCE_CHANGES and self._time_ns - changes[0] < SOURCE_CHANGES_WITHIN_S * NS:
             names = sorted((self._source.value, self._previous_source.value))
-            found.append(f"{' and '.join(names)} take command from each other")
+            found.append(f"{' and '.join(names)} are published at the same time")
         if self._source is TargetSource.TWIST and self._jog.clamped:
-            found.append("target_twist is faster than jogging may be and is scaled down")
+            found.append("target_twist exceeds the maximum speed of jogging and is reduced")
         if self._source is TargetSource.TWIST and self._jog.lead_limited:
             found.append("the tool cannot follow target_twist")
         if self._warning:
@@ -283,34 +322,46 @@ class TargetArbiter:
 
     @property
     def stream(self) -> StreamedPoses:
-        """The stream of poses, for its figures."""
+        """The stream of poses, for its metrics."""
         return self._stream
 
     @property
     def progress(self) -> float:
-        """Part of the path that has been gone through, 0 to 1; NaN without a path in command."""
+        """Completed fraction of the path, 0 to 1; NaN without an active path."""
         return self._path.progress if self._on_path else nan
 
     @property
     def late_s(self) -> float:
-        """How much later than by its stamps the path is [s]; NaN without a path in command."""
+        """Delay of the path behind its stamps [s]; NaN without an active path."""
         return self._path.late_s if self._on_path else nan
 
     @property
     def distance_m(self) -> float:
-        """Distance of the tool point from the path [m]; NaN without a path in command."""
+        """Distance of the tool point from the path [m]; NaN without an active path."""
         return self._path.distance_m if self._on_path else nan
 
     @property
     def goal_sd(self) -> Array | None:
-        """Where it will end, (4, 4): the stream's last sample, the path's last pose; None without one."""
+        """Final pose (4, 4): last sample of the stream or last pose of the path; None without one."""
         if self._source is TargetSource.POSE:
             return self._stream.goal_sd
         return self._path.goal_sd if self._on_path else None
 
 
 def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:
-    """The axes of ``frame``, now; InputError with the frames that there are."""
+    """The present axes of a frame, for jogging.
+
+    Args:
+        robot: The robot.
+        frames: Known frames with their poses.
+        frame: Name of the frame.
+
+    Returns:
+        Axes relative to the tool if the frame moves with it, else to {s}.
+
+    Raises:
+        InputError: The frame is unknown; the message lists the known ones.
+    """
     rotation = frames.pose(frame)[:3, :3]
     if frame in robot.frames and robot.moves_with_tool(frame) and frames.position is not None:
         return TwistFrame(robot.pose(frames.position)[:3, :3].T @ rotation, True)

@@ -1,18 +1,21 @@
-"""A rigid motion with bounded speed, acceleration and jerk that chases a moving goal.
+"""Jerk-limited filter: a rigid motion with bounded speed, acceleration and jerk that follows a moving goal.
 
-The motion lives on R^3 x SO(3): the origin of {d} and its orientation, both seen from {s}, each with velocity and
-acceleration. It is a chain of three integrators driven by a jerk that is held over a control interval; hence
-acceleration is continuous whatever the goal does. The jerk comes from a cascade with a triple pole at -omega
+The motion is in R^3 x SO(3): the origin of {d} and its orientation relative to {s}, each with velocity and
+acceleration. It is a chain of three integrators with a jerk that is constant over a control interval, so acceleration
+is continuous for any goal. The jerk comes from a cascade with a triple pole at -omega ::
 
-    velocity wanted      v_w = v_goal + sat(omega/3 e)
-    acceleration wanted  a_w = sat(a_goal + omega (v_w - v))
-    jerk                 j   = sat(3 omega (a_w - a))
+    desired velocity      v_w = v_goal + sat(omega/3 e)
+    desired acceleration  a_w = sat(a_goal + omega (v_w - v))
+    jerk                  j   = sat(3 omega (a_w - a))
 
-where e is the error of the pose and each level is cut at its own bound: a smooth relative of the nonlinear filters of
+where e is the pose error and each level saturates at its own bound: a smooth variant of the nonlinear filters of
 Zanasi, Guarino Lo Bianco and Tonielli ("Nonlinear filters for the generation of smooth trajectories", Automatica 36,
-2000). Vectors are cut by length, so that an approach from rest runs along a straight line.
-Without cuts the error obeys e''' + 3 omega e'' + 3 omega^2 e' + omega^3 e = goal's jerk: goals of constant
-acceleration are followed without error.
+2000). Vectors saturate by length, so that an approach from rest is a straight line. Without saturation the error obeys
+e''' + 3 omega e'' + 3 omega^2 e' + omega^3 e = jerk of the goal: goals of constant acceleration are followed without
+error.
+
+Why not the library Ruckig: the filter is compiled into the control step, its bounds change during the motion, it bounds
+the length of vectors instead of each axis, and a replay must reproduce its results bit for bit.
 """
 
 from __future__ import annotations
@@ -40,34 +43,34 @@ from ik_node.math.quaternion import (
 from ik_node.math.types import Array
 
 KEEP_AXIS_ANGLE = 170.0 / 180.0 * pi
-"""Above this angle [rad] an orientation error keeps the side from which it turns: near pi the shortest one flips."""
+"""Above this angle [rad] an orientation error keeps its direction: the shortest one flips near pi."""
 
 
 class RigidMotion(NamedTuple):
-    """Where a frame {d} is, and how it moves, seen from {s}."""
+    """Pose, velocity and acceleration of a frame {d} relative to {s}."""
 
     position: Vector = ZERO
     """[m]"""
     velocity: Vector = ZERO
-    """[m/s], of the origin of {d}, written in {s}."""
+    """[m/s], of the origin of {d}, in {s}."""
     acceleration: Vector = ZERO
     """[m/s2]"""
     orientation: Quaternion = IDENTITY
     """R_sd, (w, x, y, z)."""
     rate: Vector = ZERO
-    """Angular velocity [rad/s], written in {s}."""
+    """Angular velocity [rad/s], in {s}."""
     angular_acceleration: Vector = ZERO
-    """[rad/s2], written in {s}."""
+    """[rad/s2], in {s}."""
 
 
 class Bounds(NamedTuple):
-    """Largest lengths of three derivatives of a vector."""
+    """Bounds on the lengths of three derivatives of a vector."""
 
     speed: float
     acceleration: float
     jerk: float
     catch_up: float
-    """Largest speed that the error alone may ask for."""
+    """Largest speed that the error alone may command."""
 
 
 class MotionBounds(NamedTuple):
@@ -78,7 +81,7 @@ class MotionBounds(NamedTuple):
 
 
 class Jerk(NamedTuple):
-    """Jerk of a rigid motion, held for a while."""
+    """Constant jerk of a rigid motion."""
 
     linear: Vector
     """[m/s3], in {s}."""
@@ -89,7 +92,16 @@ class Jerk(NamedTuple):
 
 @compiled
 def integrate(motion: RigidMotion, jerk: Jerk, duration_s: float) -> RigidMotion:
-    """``motion`` after ``duration_s`` of constant ``jerk``; exact but for products of turning axes, O(dt^3)."""
+    """Integrates a motion.
+
+    Args:
+        motion: Initial motion.
+        jerk: Constant jerk.
+        duration_s: Time.
+
+    Returns:
+        The motion after ``duration_s``, exact except for terms O(dt^3) of rotating axes.
+    """
     moved, velocity, acceleration = _polynomial_step(motion.velocity, motion.acceleration, jerk.linear, duration_s)
     turned, rate, angular_acceleration = _polynomial_step(
         motion.rate, motion.angular_acceleration, jerk.angular, duration_s
@@ -124,10 +136,10 @@ def _polynomial_step(v: Vector, a: Vector, j: Vector, dt: float) -> tuple[Vector
 
 @compiled
 def orientation_error(goal: Quaternion, orientation: Quaternion, previous: Vector) -> Vector:
-    """The turn [rad], written in {s}, from ``orientation`` to ``goal``.
+    """The orientation error: the rotation vector [rad] in {s} from ``orientation`` to ``goal``.
 
-    The shortest, except above ``KEEP_AXIS_ANGLE``: there it goes on in the direction of ``previous`` (the error one
-    interval ago), even if that is up to 20 degrees longer, lest the direction flip at each interval.
+    It is the shortest one, except above ``KEEP_AXIS_ANGLE``: there it keeps the direction of ``previous``, the error
+    one interval ago, even if that is up to 20 degrees longer, so that it does not flip at each interval.
     """
     turn = to_rotation_vector(multiply(goal, conjugate(orientation)))
     x, y, z = turn
@@ -149,11 +161,24 @@ def cascade_jerk(
     bounds: Bounds,
     dt: float,
 ) -> Vector:
-    """The jerk of the cascade above for one 3-vector, to be held for ``dt`` (3 omega dt <= 1).
+    """The jerk of the cascade for one 3-vector, constant for ``dt`` (3 omega dt <= 1).
 
-    While speed and acceleration start within ``bounds`` they stay within, whatever the goal does: acceleration
-    because it only ever moves towards a point within its bound, speed because a jerk that leaves no way to end
-    the acceleration in time is replaced by the one that ends it soonest.
+    If speed and acceleration start within ``bounds`` they stay within, for any goal: acceleration because it only moves
+    towards a value within its bound, speed because a jerk after which the acceleration could not end in time is
+    replaced by the one that ends it soonest.
+
+    Args:
+        error: Error of position [m] or orientation [rad].
+        velocity: Present velocity.
+        acceleration: Present acceleration.
+        goal_velocity: Velocity of the goal.
+        goal_acceleration: Acceleration of the goal.
+        omega: Triple pole [rad/s].
+        bounds: Bounds.
+        dt: Control interval [s].
+
+    Returns:
+        The jerk.
     """
     ex, ey, ez = error
     size = sqrt(ex * ex + ey * ey + ez * ez)
@@ -185,7 +210,7 @@ def _cut(x: float, y: float, z: float, length: float) -> Vector:
 
 @compiled
 def _within_speed(v: Vector, a: Vector, jerk: Vector, bounds: Bounds, dt: float) -> Vector:
-    """``jerk``, or the one that ends the acceleration soonest where ``jerk`` would lead past the speed bound."""
+    """``jerk``, or the one that ends the acceleration soonest if ``jerk`` would lead past the speed bound."""
     now = _speed_left(v, a, bounds.jerk, dt)
     _, v_next, a_next = _polynomial_step(v, a, jerk, dt)
     allowed = bounds.speed * bounds.speed
@@ -198,7 +223,7 @@ def _within_speed(v: Vector, a: Vector, jerk: Vector, bounds: Bounds, dt: float)
 
 @compiled
 def _speed_left(v: Vector, a: Vector, jerk: float, dt: float) -> float:
-    """Squared speed that remains once the acceleration has been ended with ``jerk``, in whole steps of ``dt``."""
+    """Squared speed after the acceleration has been ended with ``jerk``, in whole steps of ``dt``."""
     ax, ay, az = a
     time = 0.5 * (sqrt(ax * ax + ay * ay + az * az) / jerk + dt)
     x, y, z = v[0] + time * ax, v[1] + time * ay, v[2] + time * az

@@ -1,9 +1,9 @@
-"""Jogging: a twist that is sent again and again moves a reference pose, which the arm follows closed loop.
+"""Jogging: repeated twists move a reference pose, which the arm follows in closed loop.
 
-The velocity goes to what was sent by the bounded cascade of :mod:`ik_node.targets.jerk_limited_filter` without its error of
-pose, so that acceleration is continuous; a turn alone leaves the reference point where it is. Twists are those of the
-tool point, in the axes of a frame that stands still in {s} or in the tool. Without twists for the time-out, or with a
-twist of zero, the reference comes to rest, and the arm with it.
+The velocity of the reference approaches the commanded twist by the cascade of
+:mod:`ik_node.targets.jerk_limited_filter` without its pose error, so that acceleration is continuous; a pure rotation
+keeps the reference point in place. Twists are those of the tool point, in the axes of a frame that is fixed in {s} or
+in the tool. After the time-out without twists, or with a zero twist, the reference comes to rest.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, empty_schedule, execut
 from ik_node.targets.transition import OMEGA, expected_time_rate, interpolated, slowed, strengthened, within
 
 LONGEST_GAP_S = 0.25
-"""Ticks that were missed for longer than this are not made up for."""
+"""Longest gap between control steps that is made up for."""
 
 
 class TwistFrame(NamedTuple):
-    """The axes in which a twist is written."""
+    """Axes in which a twist is expressed."""
 
     rotation: Array
-    """(3, 3): seen from the tool when ``in_tool``, else from {s}."""
+    """(3, 3), relative to the tool if ``in_tool``, else to {s}."""
     in_tool: bool
-    """They move with the tool."""
+    """True if the axes move with the tool."""
 
 
 class TwistCommand(NamedTuple):
-    """The last twist that came."""
+    """The last twist."""
 
     velocity: Vector = ZERO
     """m/s, in {s} or in the tool."""
@@ -71,25 +71,25 @@ class TwistCommand(NamedTuple):
     """rad/s."""
     in_tool: bool = False
     until_ns: int = 0
-    """Until when it counts."""
+    """Monotonic time until which it is valid."""
 
 
 class JogState(NamedTuple):
-    """What the reference remembers from tick to tick."""
+    """State of the reference between control steps."""
 
     time_ns: int = 0
     motion: RigidMotion = RigidMotion()
     schedule: Array = EMPTY_SCHEDULE
-    """As :mod:`ik_node.targets.jerk_schedule` says."""
+    """See :mod:`ik_node.targets.jerk_schedule`."""
     lead: Vector = ZERO
-    """By how much the reference is ahead of the tool [m], in {s}."""
+    """Position of the reference relative to the tool [m], in {s}."""
     lead_turn: Vector = ZERO
     """The same for the orientation [rad]."""
     time_rate: float = 1.0
 
 
 class LeadLimit(NamedTuple):
-    """How far the reference may be ahead of the tool."""
+    """Largest lead of the reference over the tool."""
 
     distance: float
     """[m]"""
@@ -98,55 +98,62 @@ class LeadLimit(NamedTuple):
 
 
 LEAD_LIMIT = LeadLimit(0.03, 0.15)
+"""Beyond this lead the reference waits for the tool."""
 
 
 @dataclass
 class JogSnapshot:
-    """Everything that is remembered. Values are immutable, so that a shallow copy is a snapshot."""
+    """State of :class:`Jog`; all values are immutable, so a shallow copy is a snapshot."""
 
     state: JogState = field(default_factory=JogState)
     command: TwistCommand = field(default_factory=TwistCommand)
     clamped: bool = False
-    """The twist was cut to the highest speeds."""
+    """True if the twist was reduced to the maximum speed."""
     limits: MotionBounds | None = None
-    """What holds until a reference that was fast at the start has slowed down; None for the usual ones."""
+    """Raised bounds until a reference that was fast at the start has slowed down; None for the default bounds."""
 
 
 class Jog:
-    """Twists in, T_sd(t) and V_d(t) out. All times are monotonic nanoseconds."""
+    """Twists in, T_sd(t) and V_d(t) out; times are monotonic nanoseconds."""
 
     def __init__(self, settings: Settings, lead_limit: LeadLimit = LEAD_LIMIT) -> None:
-        """``lead_limit``: how far the reference may be ahead of the tool."""
+        """``lead_limit``: largest lead of the reference over the tool."""
         self._lead_limit = lead_limit
         self.configure(settings)
         self._state = JogSnapshot()
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on."""
+        """Applies other settings."""
         self._timeout_ns = round(settings.jog.timeout_s * NS)
         self._limits = motion_bounds(settings.target, JOG)
 
     def capture(self) -> JogSnapshot:
-        """A snapshot, for :meth:`restore`."""
+        """A snapshot for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
     def restore(self, snapshot: JogSnapshot) -> None:
-        """Goes on from a snapshot, bit for bit."""
+        """Continues from a snapshot, bit for bit."""
         self._state = dataclasses.replace(snapshot)
 
     def begin(self, reference: RigidMotion, time_ns: int) -> None:
-        """From now on; comes to rest from how ``reference`` moves until a twist comes."""
+        """Starts with the motion ``reference``, which comes to rest unless a twist arrives."""
         raised = strengthened(self._limits, reference)
         self._state = JogSnapshot(JogState(time_ns, within(reference, raised)), limits=raised)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
-        """Goes on with the same twist from somewhere else."""
+        """Continues with the same twist from another motion."""
         s = self._state
         s.state = JogState(time_ns, reference)
         s.limits = None
 
     def add(self, twist: Array, frame: TwistFrame, stamped: Stamped) -> None:
-        """A checked twist (6,), linear part first, in the axes of ``frame``."""
+        """Sets the commanded twist.
+
+        Args:
+            twist: Checked twist (6,) of the tool point, linear part first.
+            frame: Axes in which it is expressed.
+            stamped: Its times.
+        """
         s = self._state
         turn = from_matrix(frame.rotation)
         x, y, z, a, b, c = twist.tolist()
@@ -157,10 +164,16 @@ class Jog:
         s.command = TwistCommand(velocity, rate, frame.in_tool, until_ns)
 
     def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
-        """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
+        """The desired motion at a control step.
 
-        ``time_rate``: the part of the last twist that the arm did; the reference goes no further. ``pose_sb``: where the
-        tool is; the reference runs no further ahead of it than the leash.
+        Args:
+            time_ns: Monotonic time of the step.
+            hold_s: Time for which the twist will be applied.
+            time_rate: Fraction of the last twist that the arm executed; the reference advances by the same fraction.
+            pose_sb: Measured T_sb (4, 4), for the lead limit; None for no limit.
+
+        Returns:
+            T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
         """
         s = self._state
         tool_sb = NO_POSE if pose_sb is None else np.ascontiguousarray(pose_sb)
@@ -181,23 +194,23 @@ class Jog:
 
     @property
     def ended(self) -> bool:
-        """No twist counts any more."""
+        """True if no twist is valid."""
         return self._state.state.time_ns >= self._state.command.until_ns
 
     @property
     def clamped(self) -> bool:
-        """The last twist was cut to the highest speeds."""
+        """True while the last twist is reduced to the maximum speed."""
         return self._state.clamped and not self.ended
 
     @property
     def lead_limited(self) -> bool:
-        """The tool does not follow, and the reference waits for it."""
+        """True while the reference waits for a tool that does not follow."""
         state, lead_limit = self._state.state, self._lead_limit
         far = length(state.lead) > lead_limit.distance or length(state.lead_turn) > lead_limit.angle
         return far and not self.ended
 
     def motion(self) -> RigidMotion:
-        """The reference now, as the arm follows it."""
+        """The reference at the last control step, slowed down as the arm is."""
         return slowed(self._state.state.motion, self._state.state.time_rate, 0.0)
 
 
@@ -213,9 +226,9 @@ def _advanced(
     time_rate: float,
     pose_sb: Array,
 ) -> tuple[JogState, Motion, bool]:
-    """The drive at ``time_ns`` with its motion from then on; and whether the ``default_limits`` limits can take over.
+    """The state and the motion at ``time_ns``, and whether ``default_limits`` can replace ``limits``.
 
-    ``pose_sb`` full of NaN: the lead stays what it was.
+    If ``pose_sb`` is NaN, the lead is kept.
     """
     now = _caught_up(before, command, limits, lead_limit, time_ns, time_rate)
     motion, lead, lead_turn = now.motion, now.lead, now.lead_turn
@@ -238,7 +251,7 @@ def _advanced(
 def _caught_up(
     before: JogState, command: TwistCommand, limits: MotionBounds, lead_limit: LeadLimit, time_ns: int, time_rate: float
 ) -> JogState:
-    """At ``time_ns``: as planned first, and on from there; only the part ``time_rate`` of the way."""
+    """The state at ``time_ns``: by the schedule, then by further steps; by the fraction ``time_rate`` of that way."""
     if time_ns <= before.time_ns:
         return before
     elapsed_s = min((time_ns - before.time_ns) / NS, LONGEST_GAP_S)
@@ -255,7 +268,7 @@ def _caught_up(
 def _ahead(
     now: JogState, command: TwistCommand, limits: MotionBounds, lead_limit: LeadLimit, duration_s: float
 ) -> tuple[RigidMotion, Array]:
-    """Where the cascade leads in ``duration_s``, and by which plan."""
+    """The motion after ``duration_s`` of the cascade, and the schedule of its jerks."""
     motion, schedule = now.motion, empty_schedule(duration_s)
     for row in schedule:
         step_s = row[6]
@@ -276,7 +289,7 @@ def _ahead(
 def _commanded(
     now: JogState, command: TwistCommand, lead_limit: LeadLimit, orientation: Quaternion
 ) -> tuple[Vector, Vector, Vector]:
-    """Velocity, angular velocity and the velocity's change that is due to the tool's turning, in {s}."""
+    """Commanded velocity, angular velocity, and acceleration due to the rotation of the tool, in {s}."""
     if now.time_ns >= command.until_ns:
         return ZERO, ZERO, ZERO
     turn = orientation if command.in_tool else IDENTITY
@@ -287,7 +300,7 @@ def _commanded(
 
 @compiled
 def _is_slow(motion: RigidMotion, limits: MotionBounds) -> bool:
-    """Whether these limits can take over."""
+    """True if the motion is within ``limits``."""
     linear, angular = limits
     return (
         length(motion.velocity) <= linear.speed
@@ -299,7 +312,7 @@ def _is_slow(motion: RigidMotion, limits: MotionBounds) -> bool:
 
 @compiled
 def _without_excess_lead(velocity: Vector, lead: Vector, lead_limit: float) -> Vector:
-    """``velocity`` without what would lead further away: all of it at twice the leash, nothing up to once."""
+    """``velocity`` without its component along ``lead``: removed fully at twice the limit, not at all up to once."""
     size = length(lead)
     if size <= lead_limit:
         return velocity

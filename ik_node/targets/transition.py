@@ -1,17 +1,15 @@
-"""How the reference gets onto a motion that it is not on yet, without a jump.
+"""Transition of the reference onto another motion without a jump.
 
 The reference is the motion and an offset from it ::
 
     p = p_m + d ,    R = E R_m
 
-d and E have velocity and acceleration of their own, taken over at the start so that the reference goes on as it was,
-and are led to zero by the bounded third-order cascade of :mod:`ik_node.targets.jerk_limited_filter`. So the reference has a
-continuous velocity; where the motion rests it gets there straight and by the shortest turn; then it is exactly on the
-motion.
+d and E start with the velocity and acceleration that make the reference continuous, and are led to zero by the bounded
+cascade of :mod:`ik_node.targets.jerk_limited_filter`. So the velocity of the reference is continuous; onto a motion at
+rest it moves straight and by the shortest turn; afterwards it is exactly on the motion.
 
-Acceleration is continuous too, but for what is above the bounds when an offset begins: carried on, it would have to be
-ended by the bounded jerk, and the arm would run on meanwhile. For the same reason a reference that is fast at that
-moment may brake harder than the bounds say.
+Acceleration is continuous too, except for the part above the bounds at the start: the bounded jerk would end it only
+slowly, and the arm would move on meanwhile. For the same reason a fast reference may brake harder than the bounds.
 """
 
 from __future__ import annotations
@@ -51,37 +49,46 @@ from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, empty_schedule, execut
 from ik_node.targets.stream.extrapolation import resting
 
 OMEGA = 20.0
-"""Triple pole of the offset [1/s]."""
+"""Triple pole of the cascade [1/s]."""
 BRAKING_S = 0.15
-"""The acceleration bound is raised, jerk with it, until it ends the velocity in this time ..."""
+"""The bounds on acceleration and jerk are raised until the velocity can end in this time ..."""
 STRONGEST = 5.0
-"""... but not to more than so many times itself."""
+"""... but at most by this factor."""
 MIN_TIME_RATE = 0.02
-"""A reference that is held up looks at least this part of an interval ahead."""
+"""Smallest fraction of a control interval for which the twist of a slowed reference is computed."""
 GONE = 1e-10
-"""An offset whose every number is below this [m, rad, and per s and s2 times 1 / OMEGA] is none."""
+"""An offset is zero if all its numbers [m, rad] and its derivatives times 1 / OMEGA are below this."""
 
 
 class Transition(NamedTuple):
-    """Where the reference is, seen from the motion; plain data."""
+    """Offset of the reference from the motion, with its derivatives; plain data."""
 
     motion: RigidMotion
-    """d and E with their derivatives, all in {s}."""
+    """d and E with their derivatives in {s}."""
     limits: MotionBounds
     turn: Vector = ZERO
-    """Last error of orientation [rad]."""
+    """Last orientation error [rad]."""
     schedule: Array = EMPTY_SCHEDULE
-    """As :mod:`ik_node.targets.jerk_schedule` says."""
+    """See :mod:`ik_node.targets.jerk_schedule`."""
 
 
 NO_TRANSITION = Transition(
     RigidMotion(), MotionBounds(bounds_from_rest(1.0, 1.0, 1.0), bounds_from_rest(1.0, 1.0, 1.0))
 )
-"""Stands in for one in compiled functions."""
+"""Placeholder in compiled functions."""
 
 
 def start_transition(reference: RigidMotion, motion: RigidMotion, limits: MotionBounds) -> Transition:
-    """The offset of ``reference`` from ``motion``, with its derivatives, to be led to zero within ``limits``."""
+    """Starts a transition.
+
+    Args:
+        reference: Present reference.
+        motion: The motion to reach.
+        limits: Bounds of the offset.
+
+    Returns:
+        The transition, in which the position and velocity of the reference are continuous.
+    """
     turn = normalised(multiply(reference.orientation, conjugate(motion.orientation)))
     rate = rotate(turn, motion.rate)
     change = add(rotate(turn, motion.angular_acceleration), cross(difference(reference.rate, rate), rate))
@@ -98,7 +105,7 @@ def start_transition(reference: RigidMotion, motion: RigidMotion, limits: Motion
 
 
 def strengthened(limits: MotionBounds, motion: RigidMotion) -> MotionBounds:
-    """``limits`` with the acceleration that it takes to bring ``motion`` to rest soon."""
+    """``limits`` with acceleration and jerk raised so that ``motion`` can come to rest soon."""
     return MotionBounds(_stronger(limits.linear, motion.velocity), _stronger(limits.angular, motion.rate))
 
 
@@ -108,7 +115,7 @@ def _stronger(usual: Bounds, velocity: Vector) -> Bounds:
 
 
 def within(motion: RigidMotion, limits: MotionBounds) -> RigidMotion:
-    """``motion`` with its accelerations cut to ``limits``."""
+    """``motion`` with its accelerations reduced to ``limits``."""
     return RigidMotion(
         motion.position,
         motion.velocity,
@@ -120,7 +127,7 @@ def within(motion: RigidMotion, limits: MotionBounds) -> RigidMotion:
 
 
 def composed(motion: RigidMotion, transition: Transition | None) -> RigidMotion:
-    """The reference at an offset from ``motion``: the opposite of :func:`start_transition`."""
+    """The reference, from the motion and its offset: the inverse of :func:`start_transition`."""
     if transition is None:
         return motion
     d = transition.motion
@@ -138,15 +145,15 @@ def composed(motion: RigidMotion, transition: Transition | None) -> RigidMotion:
 
 @compiled
 def placed(motion: RigidMotion, d: RigidMotion) -> RigidMotion:
-    """The same for the pose alone; the derivatives are left at zero."""
+    """The pose of the reference alone; the derivatives are zero."""
     turned = normalised(multiply(d.orientation, motion.orientation))
     return resting(add(motion.position, d.position), turned)
 
 
 def advanced(transition: Transition, elapsed_s: float, time_rate: float) -> Transition | None:
-    """The offset ``elapsed_s`` later: as planned first, and on from there; None when it has become nothing.
+    """The transition ``elapsed_s`` later, by its schedule first; None when the offset is zero.
 
-    Only the part ``time_rate`` of its way is gone, as the arm does.
+    The offset changes by the fraction ``time_rate`` of that way, as the arm does.
     """
     if elapsed_s <= 0.0:
         return transition
@@ -167,20 +174,20 @@ def _advanced(transition: Transition, elapsed_s: float, time_rate: float) -> tup
 
 @compiled
 def planned(transition: Transition, hold_s: float) -> tuple[Transition, RigidMotion]:
-    """With the plan for the ``hold_s`` to come; and where it then will be."""
+    """The transition with its schedule for the next ``hold_s``, and the offset after it."""
     motion, turn, schedule = _ahead(transition.motion, transition.turn, hold_s, transition.limits)
     return Transition(transition.motion, transition.limits, turn, schedule), motion
 
 
 def is_near(transition: Transition, distance_m: float, angle_rad: float) -> bool:
-    """Whether the offset is no larger than that."""
+    """True if the offset is not larger than ``distance_m`` and ``angle_rad``."""
     d = transition.motion
     return length(d.position) <= distance_m and length(to_rotation_vector(d.orientation)) <= angle_rad
 
 
 @compiled
 def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
-    """``motion`` run through at ``rate`` times its speed, ``rate`` growing by ``change`` per second."""
+    """``motion`` at ``rate`` times its speed, where ``rate`` changes by ``change`` per second."""
     squared = rate * rate
     return RigidMotion(
         motion.position,
@@ -194,14 +201,13 @@ def slowed(motion: RigidMotion, rate: float, change: float) -> RigidMotion:
 
 @compiled
 def expected_time_rate(time_rate: float) -> float:
-    """The part of the next twist that the arm is likely to do, from the last one's; never nothing, so that a twist has
-    a direction."""
+    """Expected executed fraction of the next twist; never 0, so that it has a direction."""
     return min(max(time_rate, MIN_TIME_RATE), 1.0)
 
 
 @compiled
 def interpolated(before: RigidMotion, after: RigidMotion, part: float) -> RigidMotion:
-    """``after``, with only ``part`` of the way from ``before`` to it gone."""
+    """The derivatives of ``after`` at the fraction ``part`` of the way from ``before`` to ``after``."""
     way = scaled(difference(after.position, before.position), part)
     turn = scaled(to_rotation_vector(multiply(after.orientation, conjugate(before.orientation))), part)
     return RigidMotion(
@@ -218,7 +224,7 @@ def interpolated(before: RigidMotion, after: RigidMotion, part: float) -> RigidM
 def _ahead(
     motion: RigidMotion, turn: Vector, duration_s: float, limits: MotionBounds
 ) -> tuple[RigidMotion, Vector, Array]:
-    """Where the cascade leads in ``duration_s``, its last error of orientation, and by which plan."""
+    """The offset after ``duration_s`` of the cascade, its last orientation error, and the schedule of its jerks."""
     schedule = empty_schedule(duration_s)
     for row in schedule:
         step_s, way = row[6], scaled(motion.position, -1.0)

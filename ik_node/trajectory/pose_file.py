@@ -1,4 +1,4 @@
-"""Recorded poses as trajectories: CSV, text and NPY files of other people, as they are."""
+"""Loads recorded poses from CSV, text and NPY files as trajectories."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ik_node.trajectory.pose_columns import PoseColumns
 from ik_node.trajectory.pose_file_format import (
     DEFAULT_DURATION_S,
     LENGTH_UNITS,
-    LONGEST_S,
+    MAX_DURATION_S,
     NO_COLUMN,
     ORDERS,
     TIME_UNITS,
@@ -24,29 +24,37 @@ from ik_node.trajectory.pose_table import PoseTable, read_table
 from ik_node.trajectory.sampled import SampledTrajectory
 
 LARGEST_POSITION_M = 3.0
-"""Without a stated unit, positions beyond this are not believed to be metres."""
+"""Largest plausible position in metres if the file does not state a unit."""
 
 
 class PoseFileTrajectory(SampledTrajectory):
-    """The motion that a file holds; interpolated as :class:`SampledTrajectory` says."""
+    """The trajectory of a file, interpolated by :class:`SampledTrajectory`."""
 
     def __init__(self, times_s: Array, poses: Array, description: str) -> None:
         super().__init__(times_s, poses)
         self._description = description
 
     def describe(self) -> str:
-        """One line: what was read and how it was understood."""
+        """One line with the columns, units and times that were read."""
         return self._description
 
 
 def load(
     path: str | Path, file_format: PoseFileFormat | None = None, start_pose: Array | None = None
 ) -> PoseFileTrajectory:
-    """Reads the motion in ``path``.
+    """Loads a trajectory from a file.
 
-    ``start_pose`` (4, 4) is the arm's at the start: needed for ``relative`` and for what the file does not hold.
-    Raises TrajectoryFileError, naming the column or sample, when the file does not hold what ``file_format`` says, when its
-    unit of length or order of quaternion cannot be told, when stamps go backwards, or when a number is not finite.
+    Args:
+        path: CSV, text or NPY file.
+        file_format: Format of the file; default: detected.
+        start_pose: Start pose T_sb of the arm (4, 4), for ``relative`` and for parts that the file does not have.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        TrajectoryFileError: The file does not have the format, its unit of length or order of the quaternion is
+            ambiguous, times decrease, or a number is not finite. The message states the column or sample.
     """
     file, file_format = Path(path), file_format or PoseFileFormat()
     table = read_table(file, file_format.demo)
@@ -68,7 +76,7 @@ def load(
 
 
 def _columns(table: PoseTable, file_format: PoseFileFormat) -> PoseColumns:
-    """Explicit columns where given, found ones elsewhere."""
+    """Explicit columns if given, detected ones otherwise."""
     if file_format.position:
         quaternion, order = pose_columns.quaternion_beside(table, file_format.position)
         time, unit = pose_columns.named_time(table)
@@ -92,7 +100,7 @@ def _columns(table: PoseTable, file_format: PoseFileFormat) -> PoseColumns:
 
 
 def _times(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat) -> tuple[Array, str]:
-    """Seconds from the first sample (N,), and how they were found."""
+    """Times from the first sample (N,) [s], and a description of their origin."""
     if columns.time or file_format.time_file:
         times, said = _stamps(table, columns, file_format)
         if file_format.duration_s is not None:
@@ -121,7 +129,7 @@ def _stamps(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat)
             f"{source.path.name}: the time in column '{column}' goes backwards at sample {row}, "
             f"from {stamps[row - 1]:.12g} to {stamps[row]:.12g}"
         )
-    if not 0.0 < times[-1] <= LONGEST_S:
+    if not 0.0 < times[-1] <= MAX_DURATION_S:
         raise TrajectoryFileError(
             f"{source.path.name}: the time in column '{column}' spans {times[-1]:g} s when it is in {unit}; "
             f"say its unit: {', '.join(TIME_UNITS)}"
@@ -131,7 +139,7 @@ def _stamps(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat)
 
 
 def _poses(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat, start: Array | None) -> Array:
-    """Poses (N, 4, 4) in metres, with what is missing from the start pose."""
+    """Poses (N, 4, 4) in metres; missing parts are those of the start pose."""
     count = len(table)
     missing = [
         name
@@ -172,7 +180,7 @@ def _window(times: Array, file_format: PoseFileFormat, name: str) -> slice:
 
 
 def _place(poses: Array, file_format: PoseFileFormat, start: Array | None, name: str) -> None:
-    """Scale, lay onto the start pose and move, in place."""
+    """Scales the poses, moves them onto the start pose and by the offset, in place."""
     first = poses[0].copy()
     poses[:, :3, 3] = first[:3, 3] + file_format.scale * (poses[:, :3, 3] - first[:3, 3])
     if file_format.relative:

@@ -17,43 +17,43 @@ ORDERS = ("xyzw", "wxyz")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Unit -> seconds."""
 NO_COLUMN = "none"
-"""Given as the quaternion's or time's column: the file's is not to be used."""
+"""Name of a column that means: do not use that of the file."""
 DEFAULT_DURATION_S = 10.0
-"""Length of a motion whose file holds no time."""
-LONGEST_S = 86400.0
-"""Stamps that span more are not believed to be in the unit assumed."""
+"""Duration of a motion without times in its file."""
+MAX_DURATION_S = 86400.0
+"""Longest plausible duration; beyond it the assumed unit of time is wrong."""
 
 
 def option(default: Any, about: str, choices: tuple[str, ...] = ()) -> Any:
-    """A field of :class:`PoseFileFormat` that a command line can offer."""
+    """Return a field of :class:`PoseFileFormat` with the help text and choices of its command-line option."""
     return field(default=default, metadata={"description": about, "choices": choices})
 
 
 @dataclass(frozen=True)
 class PoseFileFormat:
-    """How to read a file of poses. What is left empty is found out from the file, and said by ``describe()``.
+    """Format of a file of poses. Empty fields are detected from the file; ``describe()`` of the trajectory lists them.
 
-    Columns are names, or numbers counted from 0. A file without z, or without orientation, takes them from the arm's
-    start pose.
+    Columns are names, or numbers counted from 0. Where the file has no z or no orientation, those of the start pose of
+    the arm are used.
     """
 
-    prefix: str = option("", "begin of the names of the columns to use, when the file holds several poses")
-    position: tuple[str, ...] = option((), "columns x, y and z; two when there is no z")
-    quaternion: tuple[str, ...] = option((), f"the quaternion's four columns; or {NO_COLUMN}")
-    order: str = option("", "order of the quaternion's columns", ORDERS)
+    prefix: str = option("", "prefix of the names of the columns, if the file has several poses per row")
+    position: tuple[str, ...] = option((), "columns x, y and z; or x and y")
+    quaternion: tuple[str, ...] = option((), f"four columns of the quaternion; or {NO_COLUMN}")
+    order: str = option("", "order of the columns of the quaternion", ORDERS)
     units: str = option("", "unit of length in the file; default: m", tuple(LENGTH_UNITS))
     time: str = option("", f"column of time; or {NO_COLUMN}: samples are evenly spaced")
     time_unit: str = option("", "unit of that column; default: s", tuple(TIME_UNITS))
-    time_file: str = option("", "file that holds the column of time, row by row, when it is another one")
-    demo: int = option(0, "which demonstration of an NPY file")
+    time_file: str = option("", "other file that has the column of time, row by row")
+    demo: int = option(0, "index of the demonstration in an NPY file")
     duration_s: float | None = option(
-        None, f"play the whole file in this time; default: its own, or {DEFAULT_DURATION_S:g} s when it holds none"
+        None, f"duration of the whole file; default: by its times, or {DEFAULT_DURATION_S:g} s without times"
     )
-    start_s: float = option(0.0, "begin here, in seconds of the motion")
-    end_s: float | None = option(None, "end here, in seconds of the motion")
-    relative: bool = option(False, "lay the first pose onto the arm's start pose and keep the base's axes")
-    scale: float = option(1.0, "enlarge the path about its first point; turns stay")
-    offset: tuple[float, float, float] = option((0.0, 0.0, 0.0), "move the path, in metres along the base's axes")
+    start_s: float = option(0.0, "start at this time of the motion, s")
+    end_s: float | None = option(None, "end at this time of the motion, s")
+    relative: bool = option(False, "move the first pose to the start pose of the arm")
+    scale: float = option(1.0, "scale the path about its first point; orientations are kept")
+    offset: tuple[float, float, float] = option((0.0, 0.0, 0.0), "displacement of the path in the base frame, m")
 
     def __post_init__(self) -> None:
         for name, value, valid in (
@@ -67,8 +67,8 @@ class PoseFileFormat:
             raise TrajectoryFileError(f"position names {len(self.position)} columns; expected 2 or 3")
         if len(self.quaternion) not in (0, 4) and self.quaternion != (NO_COLUMN,):
             raise TrajectoryFileError(f"quaternion names {len(self.quaternion)} columns; expected 4, or {NO_COLUMN}")
-        if self.duration_s is not None and not 0.0 < self.duration_s <= LONGEST_S:
-            raise TrajectoryFileError(f"duration_s is {self.duration_s}; valid: above 0 to {LONGEST_S:g}")
+        if self.duration_s is not None and not 0.0 < self.duration_s <= MAX_DURATION_S:
+            raise TrajectoryFileError(f"duration_s is {self.duration_s}; valid: above 0 to {MAX_DURATION_S:g}")
         numbers = (self.scale, self.start_s, *self.offset, 0.0 if self.end_s is None else self.end_s)
         if not all(map(math.isfinite, numbers)):
             raise TrajectoryFileError("scale, offset, start_s and end_s must be finite")

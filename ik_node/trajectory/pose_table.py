@@ -1,4 +1,4 @@
-"""Numbers in named columns, out of CSV, text and NPY files."""
+"""Reads columns of numbers from CSV, text and NPY files."""
 
 from __future__ import annotations
 
@@ -17,25 +17,32 @@ COMMENT = ("#", "%")
 
 @dataclass(frozen=True)
 class PoseTable:
-    """The columns of one file. Text turns into numbers when a column is asked for, so unused ones may hold anything."""
+    """The rows of a file; a column is converted to numbers on access, so unused columns may contain any text."""
 
     path: Path
     names: tuple[str, ...]
-    """Names from the header; "0", "1", ... where there is none."""
+    """Names from the header; "0", "1", ... without one."""
     rows: tuple[tuple[str, ...], ...] | Array
     """One entry per sample."""
     named: bool
-    """Whether the file gave the names."""
+    """True if the names are from the file."""
     note: str = ""
-    """What else was found, to be told to the user."""
+    """Note for the user; empty for none."""
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def column(self, name: str) -> Array:
-        """Numbers (N,) of the column of that name, or of that number counted from 0; finite.
+        """The numbers of a column.
 
-        Raises TrajectoryFileError naming the column (with those there are), or the row that holds no finite number.
+        Args:
+            name: Name of the column, or its number from 0.
+
+        Returns:
+            Finite numbers (N,).
+
+        Raises:
+            TrajectoryFileError: There is no such column (the message lists the columns), or a row has no finite number.
         """
         index = self._index(name)
         if isinstance(self.rows, np.ndarray):
@@ -67,11 +74,21 @@ class PoseTable:
 
 
 def read_table(path: Path, demo: int = 0) -> PoseTable:
-    """Reads an NPY file (samples, columns) or (demonstrations, samples, columns), else text.
+    """Reads a table.
 
-    Text: separated by commas, semicolons, tabs or blanks; lines that begin with # or % are comments; the names are the
-    first line, when that is not numbers, or else the last comment that has as many words as there are columns.
-    ``demo`` picks a demonstration. Raises TrajectoryFileError when the file cannot be read so.
+    NPY files have the shape (samples, columns) or (demonstrations, samples, columns). Text is separated by commas,
+    semicolons, tabs or blanks; lines that begin with # or % are comments; the names are the first line if that is not
+    numbers, else the last comment that has as many words as there are columns.
+
+    Args:
+        path: The file.
+        demo: Number of the demonstration, from 0.
+
+    Returns:
+        The table.
+
+    Raises:
+        TrajectoryFileError: The file cannot be read as such a table.
     """
     try:
         if path.suffix.lower() == ".npy":

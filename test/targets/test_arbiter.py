@@ -125,10 +125,10 @@ def test_the_latest_that_asks_for_something_is_in_command() -> None:
     targets = run.targets
     for send, source, reason in (
         (run.pose, TargetSource.POSE, "following target_pose"),
-        (run.path, TargetSource.PATH, "going to target_path"),
+        (run.path, TargetSource.PATH, "moving to target_path"),
         (run.twist, TargetSource.TWIST, "jogging by target_twist"),
-        (run.path, TargetSource.PATH, "going to target_path"),
-        (run.trajectory, TargetSource.TRAJECTORY, "going to target_trajectory"),
+        (run.path, TargetSource.PATH, "moving to target_path"),
+        (run.trajectory, TargetSource.TRAJECTORY, "moving to target_trajectory"),
         (run.pose, TargetSource.POSE, "following target_pose"),
         (run.twist, TargetSource.TWIST, "jogging by target_twist"),
         (run.pose, TargetSource.POSE, "following target_pose"),
@@ -158,9 +158,9 @@ def test_a_twist_of_zero_takes_command_from_nobody() -> None:
 def test_who_falls_silent_or_is_done_leaves_the_arm_where_it_is() -> None:
     for send, reason in (
         (Run.pose, "the target stream has ended; holding the last pose"),
-        (Run.path, "target_path is done; holding its last pose"),
-        (Run.trajectory, "target_trajectory is done; holding its last pose"),
-        (Run.twist, "no target_twist any more; holding the pose"),
+        (Run.path, "target_path has ended; holding its last pose"),
+        (Run.trajectory, "target_trajectory has ended; holding its last pose"),
+        (Run.twist, "target_twist has ended; holding the pose"),
     ):
         run = Run()
         if send in (Run.pose, Run.twist):
@@ -263,7 +263,7 @@ def test_two_inputs_at_once_are_noticed() -> None:
         run.pose()
         run.twist()
         run.go(0.1)
-    assert "target_pose and target_twist take command from each other" in run.targets.warnings
+    assert "target_pose and target_twist are published at the same time" in run.targets.warnings
     run.go(3.0, run.pose)
     assert run.targets.warnings == ()
 
@@ -293,7 +293,7 @@ def test_progress_and_goal_of_a_path() -> None:
     run = Run()
     run.path(begin_s=0.5)
     run.go(0.1)
-    assert run.targets.reason == "there, but target_path begins later"
+    assert run.targets.reason == "waiting for the start time of target_path"
     run.go(1.4)
     assert run.targets.reason == "following target_path"
     assert run.targets.progress == pytest.approx(0.5, abs=0.01)
@@ -307,14 +307,14 @@ def test_stamps_in_the_past_are_remarked() -> None:
     run = Run()
     run.path(begin_s=-100.0)
     run.go(0.1)
-    assert run.targets.warnings == ("stamps of target_path are in the past altogether; it began on arrival",)
+    assert run.targets.warnings == ("all stamps of target_path are in the past; it begins on arrival",)
     assert run.targets.reason == "following target_path"
 
 
 def test_stamps_from_another_clock_are_remarked() -> None:
     run = Run()
     for stamp_ns, warnings in (
-        (run.now.ros_ns - 3600 * NS, ("stamps of target_twist disagree with this clock; arrival counts",)),
+        (run.now.ros_ns - 3600 * NS, ("stamps of target_twist disagree with this clock; using the time of arrival",)),
         (run.now.ros_ns, ()),
     ):
         run.targets.on_twist(TwistSample(stamp_ns, "base", np.array([0.1, 0, 0, 0, 0, 0])), BASE, run.now)
@@ -406,7 +406,7 @@ def test_a_snapshot_holds_what_has_been_found_out_of_a_path_without_times() -> N
                 targets.restore(snapshot)
             twists.append(targets.advance(tick * TICK_NS, TICK_S).twist_d)
             if tick == 5:
-                assert targets.reason == "finding times for target_path"
+                assert targets.reason == "computing times for target_path"
         runs.append(np.array(twists))
         assert targets.reason == "following target_path"
     assert np.abs(runs[0]).max() > 0.05

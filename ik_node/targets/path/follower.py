@@ -1,18 +1,18 @@
-"""Following a path that came as a whole.
+"""Follows paths: approach, start, time on the path, progress.
 
-The path itself is a :class:`ik_node.targets.path.se3_spline.RigidSpline`; the reference gets onto it by an
-:mod:`ik_node.targets.transition`. How a path begins:
+The path is a :class:`ik_node.targets.path.se3_spline.RigidSpline`; the reference reaches it by a
+:mod:`ik_node.targets.transition`. A path starts in one of these ways:
 
-* The arm is within ``JOIN_M`` and ``JOIN_RAD`` of where the path is now: it joins there, at the right time.
-* Otherwise the arm goes straight and with the shortest turn to the path's first pose, and waits there for its time.
-* Where that has gone by when the arm arrives, the path begins late and stays late: no part of it is left out.
+* The arm is within ``JOIN_M`` and ``JOIN_RAD`` of the present pose of the path: it joins the path there, on time.
+* Otherwise the arm moves straight and with the shortest turn to the first pose, and waits there for the start time.
+* If the start time has passed when the arm arrives, the path starts late and stays late; no part of it is skipped.
 
-A path that is under way where it begins, or where it is joined by an arm that is not, gathers speed over ``RAMP_S``
-instead of dragging the arm off its geometry; and one that is under way where it ends loses speed before that. Either
-makes it later by half of ``RAMP_S``.
+A path that moves at its begin, or that is joined by an arm at rest, starts with a speed ramp over ``RAMP_S``, so that
+the arm stays on its geometry; a path that moves at its end stops with such a ramp. Each ramp delays it by half of
+``RAMP_S``.
 
-Time on the path goes by as the arm gets on: ``time_rate`` is the part s of the last twist that the limits let through. So
-the arm stays on the path's geometry, and everything after comes later.
+Time on the path advances as the arm does: ``time_rate`` is the fraction s of the last twist that the limits allow. So
+the arm stays on the geometry of the path, and everything after comes later.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from dataclasses import dataclass, field
 from math import nan
 
 from ik_node.errors import InputError
-from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.clock import NS
+from ik_node.interfaces.motion import Motion
 from ik_node.math.quaternion import difference, length
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -50,69 +50,73 @@ from ik_node.targets.transition import (
 JOIN_M, JOIN_RAD = 0.02, 0.1
 """A path that has begun is joined at its present pose if that is no further away than this, else at its start."""
 ARRIVED_M, ARRIVED_RAD = 5e-4, 2e-3
-"""An approach has arrived when it is this near."""
+"""An approach is completed when it is this close."""
 MOVING_M_S, MOVING_RAD_S = 1e-3, 5e-3
-"""What is faster than this is under way."""
+"""Speeds above which a motion is not at rest."""
 RAMP_S = 0.5
-"""Over this time a path gathers or loses speed that is under way where it begins or ends."""
+"""Duration of a speed ramp."""
 TURN_LENGTH_M = 0.3
-"""Length that makes turning rates comparable with speeds, for choosing the smaller jump."""
+"""Length that converts angular to linear speeds in the comparison of velocities."""
 LONGEST_GAP_S = 0.25
-"""Ticks that were missed for longer than this are not made up for."""
+"""Longest gap between control steps that is made up for."""
 
 
 @dataclass
 class PathSnapshot:
-    """Everything that is remembered of a path. Values are immutable, so that a shallow copy is a snapshot."""
+    """State of :class:`PathFollower`; all values are immutable, so a shallow copy is a snapshot."""
 
     time_ns: int = 0
     knots: Knots | None = None
     time_scaling: TimeScalingTable | None = None
     search: JointSearch | None = None
-    """What is still to be found out before a path without times can begin."""
+    """Unfinished computation of times for a path without time stamps."""
     begin_ns: int | None = None
     transition: Transition | None = None
     ramp: SpeedRamp = field(default_factory=SpeedRamp)
     clock_s: float | None = None
-    """Time that has gone by since the path was begun; None before."""
+    """Time since the start of the path; None before."""
     time_rate: float = 1.0
     distance_m: float = nan
 
 
 class PathFollower:
-    """One path after the other. All times are monotonic nanoseconds."""
+    """Follows one path after another; times are monotonic nanoseconds."""
 
     def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
-        """``robot``: so that paths without times get some that its joints can keep; else the tool's bounds count."""
+        """``robot``: its joint limits bound the speed along paths without time stamps; None to ignore them."""
         self._timing = PathTiming(settings, robot)
         self.configure(settings)
         self._state = PathSnapshot()
         self._timed: TimedPath | None = None
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on."""
+        """Applies other settings."""
         self._timing.configure(settings)
         self._limits = motion_bounds(settings.target, APPROACH)
 
     def capture(self) -> PathSnapshot:
-        """A snapshot, for :meth:`restore`."""
+        """A snapshot for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
     def restore(self, snapshot: PathSnapshot) -> None:
-        """Goes on from a snapshot, bit for bit."""
+        """Continues from a snapshot, bit for bit."""
         self._state = dataclasses.replace(snapshot)
         self._timed = None if snapshot.knots is None else TimedPath(snapshot.knots, snapshot.time_scaling)
 
     def forget(self) -> None:
-        """No path any more."""
+        """Discards the path."""
         self._state, self._timed = PathSnapshot(), None
 
-    # --- beginning ---------------------------------------------------------------------------------------------------
+    # --- start --------------------------------------------------------------------------------------------------------
 
     def begin(self, request: PathRequest, reference: RigidMotion, time_ns: int, q: Array | None = None) -> None:
-        """A path to follow from now on.
+        """Starts a path.
 
-        ``reference`` is where the arm is led to at ``time_ns``, and how it moves; ``q`` (n,) where its joints are.
+        Args:
+            request: The path.
+            reference: Present reference motion.
+            time_ns: Its monotonic time.
+            q: Joint positions (n,); None if the joint limits are to be ignored.
         """
         due = request.begin_ns is None or request.begin_ns <= time_ns
         moving = due and request.begin_ns is not None and is_moving(reference)
@@ -141,7 +145,7 @@ class PathFollower:
         self._timed = TimedPath(knots, None)
 
     def _set_time_scaling(self) -> None:
-        """The search for it, if there was one, is done."""
+        """Sets the time scaling, after a completed search."""
         s = self._state
         if s.knots is not None:
             s.time_scaling = self._timing.time_scaling(self._path.spline, s.search)
@@ -150,7 +154,7 @@ class PathFollower:
             self._set_ramp(0.0, False)
 
     def rest_at(self, reference: RigidMotion, time_ns: int) -> None:
-        """Goes on with the path from rest somewhere else: back to where it was left, and on from there."""
+        """Continues with the path from rest elsewhere: returns to the point where it was left first."""
         s = self._state
         left_s = self._path_time(s.clock_s)
         s.time_ns, s.time_rate, s.clock_s = time_ns, 1.0, None
@@ -162,7 +166,7 @@ class PathFollower:
         return transition is None or is_near(transition, JOIN_M, JOIN_RAD)
 
     def _join(self, reference: RigidMotion, entry_s: float) -> None:
-        """Onto a path under way: at full speed, or gathering it, whichever is nearer to how ``reference`` moves."""
+        """Joins a path that has begun: at full speed or with a ramp, whichever is closer to ``reference``."""
         s, path = self._state, self._path
         goal, still = path.motion(entry_s), path.resting(entry_s)
         self._set_ramp(entry_s, is_moving(goal) and _jump(reference, still) < _jump(reference, goal))
@@ -175,13 +179,21 @@ class PathFollower:
         fall = is_moving(path.motion(path.end_s))
         self._state.ramp = SpeedRamp(entry_s, path.end_s, ramp_s if rise else 0.0, ramp_s if fall else 0.0)
 
-    # --- ticks -------------------------------------------------------------------------------------------------------
+    # --- control steps ------------------------------------------------------------------------------------------------
 
     def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
-        """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
+        """The desired motion at a control step.
 
-        ``time_rate``: the part of the last twist that the arm did. The twist belongs to the way that will be gone if that
-        goes on, lest arcs be cut short. ``pose_sb``: where the tool is, for its distance.
+        The twist belongs to the way on the path that the arm covers at ``time_rate``, so that arcs are not cut short.
+
+        Args:
+            time_ns: Monotonic time of the step.
+            hold_s: Time for which the twist will be applied.
+            time_rate: Fraction of the last twist that the arm executed.
+            pose_sb: Measured T_sb (4, 4), for the distance from the path; None for no update.
+
+        Returns:
+            T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
         """
         self._catch_up(time_ns, time_rate)
         s, path = self._state, self._path
@@ -216,11 +228,11 @@ class PathFollower:
             s.clock_s = 0.0
 
     def motion(self) -> RigidMotion:
-        """The reference now, as the arm follows it."""
+        """The reference at the last control step, slowed down as the arm is."""
         return slowed(composed(self._goal(), self._state.transition), self._state.time_rate, 0.0)
 
     def _goal(self) -> RigidMotion:
-        """Where the path is now, and how it moves."""
+        """The present motion on the path."""
         s, path = self._state, self._path
         if s.clock_s is None or self.finished:
             return path.resting(self._path_time(s.clock_s))
@@ -245,38 +257,38 @@ class PathFollower:
             raise InputError("no path has been given")
         return self._timed
 
-    # --- what there is to say ----------------------------------------------------------------------------------------
+    # --- status -------------------------------------------------------------------------------------------------------
 
     @property
     def waiting(self) -> bool:
-        """The path has not begun: the arm is on its way to it, or there and early."""
+        """True before the start of the path: the arm approaches it or waits for its start time."""
         return self._state.clock_s is None
 
     @property
     def timing(self) -> bool:
-        """Times are being looked for, and the path has not begun."""
+        """True while times for the path are computed."""
         return self._state.search is not None
 
     @property
     def early(self) -> bool:
-        """The path has not begun, and the arm is there."""
+        """True if the arm waits at the first pose."""
         s = self._state
         return s.clock_s is None and (s.transition is None or is_near(s.transition, ARRIVED_M, ARRIVED_RAD))
 
     @property
     def finished(self) -> bool:
-        """The path has come to its end."""
+        """True at the end of the path."""
         s = self._state
         return s.clock_s is not None and s.clock_s >= s.ramp.duration_s
 
     @property
     def progress(self) -> float:
-        """Part of the path's time that has gone by, 0 to 1."""
+        """Elapsed fraction of the time on the path, 0 to 1."""
         return self._path_time(self._state.clock_s) / self._path.end_s
 
     @property
     def late_s(self) -> float:
-        """How much later than by its stamps the path is now [s]; 0 for a path that may begin at any time."""
+        """Delay of the path behind its stamps [s]; 0 for a path without a start time."""
         s = self._state
         if s.begin_ns is None or self.finished:
             return 0.0
@@ -284,20 +296,20 @@ class PathFollower:
 
     @property
     def distance_m(self) -> float:
-        """Distance of the tool point from the path [m]; NaN while not known."""
+        """Distance of the tool point from the path [m]; NaN if unknown."""
         return self._state.distance_m
 
     @property
     def goal_sd(self) -> Array:
-        """The path's last pose, (4, 4)."""
+        """Last pose of the path (4, 4)."""
         return pose_matrix(self._path.resting(self._path.end_s))
 
 
 def is_moving(motion: RigidMotion) -> bool:
-    """Whether it is under way."""
+    """True if the motion is not at rest."""
     return length(motion.velocity) > MOVING_M_S or length(motion.rate) > MOVING_RAD_S
 
 
 def _jump(a: RigidMotion, b: RigidMotion) -> float:
-    """How different two motions' velocities are [m/s]."""
+    """Difference of the velocities of two motions [m/s]."""
     return length(difference(a.velocity, b.velocity)) + TURN_LENGTH_M * length(difference(a.rate, b.rate))

@@ -1,4 +1,4 @@
-"""Paths and trajectories as they were sent, checked and brought into {s}."""
+"""Path requests: received paths and trajectories, checked and transformed to {s}."""
 
 from __future__ import annotations
 
@@ -22,43 +22,55 @@ from ik_node.targets.path.spline_fit import estimated_accelerations
 from ik_node.targets.path.time_parametrisation import nominal_knots
 
 FramePose = Callable[[str], Array]
-"""T_sf (4, 4) of a frame by name; raises one of our errors with the names that there are."""
+"""Function from the name of a frame {f} to T_sf (4, 4); raises IkNodeError with the known names."""
 
 FARTHEST_M = 100.0
-"""Positions further from {s} are no target of an arm."""
+"""Positions further from {s} are refused."""
 MAX_POSES = 2000
 """Longer paths are refused: preparing 1000 poses takes 10 ms."""
 MAX_AHEAD_S = 60.0
 """Paths that begin later than this from now are refused."""
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
-"""Stamps and twists that ask for more than this are a mistake. What the arm cannot do slows the path down instead."""
+"""Faster targets are refused as errors. A target within this that the arm cannot follow slows the path down."""
 SHORT_AFTER_EPOCH_NS = 365 * 86_400 * NS
-"""Stamps before this are no dates but times from the start of the path."""
+"""Stamps before this are times from the start of the path, not dates."""
 
 
 class PathRequest(NamedTuple):
-    """N poses in {s} to be gone through in order."""
+    """A checked path of N poses in {s}."""
 
     times_s: Array
-    """(N,), increasing from 0; where the poses came without times, what :func:`nominal_knots` says."""
+    """(N,), increasing from 0; from :func:`nominal_knots` if the poses have no time stamps."""
     positions: Array
     """(N, 3), m."""
     orientations: tuple[Quaternion, ...]
     """N times R_sd, (w, x, y, z)."""
     knots: Knots | None
-    """With rates and accelerations, where these were sent too."""
+    """Knots with velocities and accelerations, if these were received; None if they are to be fitted."""
     begin_ns: int | None
-    """When it begins on the monotonic clock; None: as soon as the arm is there."""
+    """Start on the monotonic clock; None: as soon as the arm has arrived at the first pose."""
     warning: str
-    """What a person should know about it; empty for nothing."""
+    """Warning for the user; empty for none."""
     timed: bool = True
-    """The poses came with times."""
+    """True if the poses have time stamps."""
 
 
 def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> PathRequest:
-    """The route of a nav_msgs/Path. Its poses hold at their own stamps; the path's own stamp says nothing.
+    """Checks a nav_msgs/Path.
 
-    All stamps alike: a path without times. Raises TargetRefused, naming the pose by its number from 0.
+    The time of each pose is its own stamp; the stamp of the path is ignored. Equal stamps: a path without times.
+
+    Args:
+        sample: The path.
+        frame_pose: Function from the name of a frame to its pose T_sf.
+        now: Time of arrival.
+        settings: Speed along a path without times.
+
+    Returns:
+        The request.
+
+    Raises:
+        TargetRefused: The path is invalid; the message states the number of the pose, from 0.
     """
     count = len(sample.stamps_ns)
     _check_count(count)
@@ -75,11 +87,21 @@ def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, s
 
 
 def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> PathRequest:
-    """The route of a trajectory_msgs/MultiDOFJointTrajectory.
+    """Checks a trajectory_msgs/MultiDOFJointTrajectory.
 
-    Twists and accelerations are those of the tool point, written in the axes of the header's frame: ROS says no more
-    than "velocity specified for the origin of the joint", and a TwistStamped is written in the frame of its header.
-    Raises TargetRefused, naming the point by its number from 0.
+    Twists and accelerations are those of the tool point in the axes of the frame of the header: ROS defines only
+    "velocity specified for the origin of the joint", and a TwistStamped is expressed in the frame of its header.
+
+    Args:
+        sample: The trajectory.
+        frame_pose: Function from the name of a frame to its pose T_sf.
+        now: Time of arrival.
+
+    Returns:
+        The request.
+
+    Raises:
+        TargetRefused: The trajectory is invalid; the message states the number of the point, from 0.
     """
     count = len(sample.times_ns)
     _check_count(count)
@@ -113,7 +135,7 @@ def _knots(
     own = np.array([_matrix(orientation) for orientation in orientations])
 
     def halves(values: Array) -> tuple[Array, Array]:
-        """Linear in {s}; angular in the knot's own frame."""
+        """Linear part in {s}, angular part in the frame of the knot."""
         return values[:, :3] @ rotation.T, np.einsum("nji,nj->ni", own, values[:, 3:] @ rotation.T)
 
     velocities, rates = halves(sample.twists)
@@ -147,7 +169,7 @@ def _placed(frame_pose: FramePose, frame: str, frame_ids: tuple[str, ...]) -> Ar
 def _in_base(
     positions: Array, quaternions: Array, frame_ids: tuple[str, ...], bases: list[tuple[str, Array]]
 ) -> tuple[Array, tuple[Quaternion, ...]]:
-    """Checked poses, brought into {s} from their frames; ``bases`` are T_sf of each frame that occurs."""
+    """Checks poses and transforms them to {s}; ``bases`` holds T_sf of each frame."""
     _check_finite(positions, "position of pose")
     _check_finite(quaternions, "orientation of pose")
     norms = np.linalg.norm(quaternions, axis=1)
@@ -165,7 +187,7 @@ def _in_base(
 
 
 def _left_product(a: Quaternion) -> Array:
-    """The matrix (4, 4) that turns b as x y z w into the product a b as w x y z."""
+    """The matrix (4, 4) that maps b as x y z w to the product a b as w x y z."""
     w, x, y, z = a
     return np.array([[-x, -y, -z, w], [w, -z, y, x], [z, w, -x, y], [-y, x, w, z]])
 
@@ -178,10 +200,10 @@ def _times(times_ns: list[int]) -> Array:
 
 
 def _begin(name: str, first_ns: int, last_ns: int, now: Instant) -> tuple[int | None, str]:
-    """When a path with these first and last stamps (ROS time) begins on the monotonic clock, and what to remark."""
+    """Start on the monotonic clock of a path with these first and last stamps (ROS time), and a warning."""
     if last_ns <= now.ros_ns:
         relative = first_ns < SHORT_AFTER_EPOCH_NS
-        return None, "" if relative else f"stamps of {name} are in the past altogether; it began on arrival"
+        return None, "" if relative else f"all stamps of {name} are in the past; it begins on arrival"
     ahead_s = (first_ns - now.ros_ns) / NS
     if ahead_s > MAX_AHEAD_S:
         raise TargetRefused(f"it begins in {ahead_s:.6g} s; at most {MAX_AHEAD_S:g} s are accepted")
@@ -205,7 +227,7 @@ def _check_finite(values: Array, what: str) -> None:
 
 
 def _refuse_first(bad: ArrayLike, text: str) -> None:
-    """TargetRefused with the number of the first pose that is ``bad`` put into ``text``."""
+    """Raises TargetRefused with the number of the first ``bad`` pose inserted into ``text``."""
     found = np.flatnonzero(bad)
     if found.size:
         raise TargetRefused(text.format(int(found[0])))

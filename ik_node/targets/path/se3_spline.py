@@ -4,9 +4,9 @@ Between two knots h apart, with u the time since the first one ::
 
     p(u) = p_0 + x(u) ,    R(u) = R_0 exp(theta(u))
 
-where x and theta are the polynomials of degree 5 that meet pose, velocity and acceleration of both knots, the rates of
-theta being tied to the body's as :mod:`ik_node.math.so3` says. So whatever rates the knots are given, poses,
-twists and their derivatives are continuous (C2), and the knots are met to rounding.
+where x and theta are the polynomials of degree 5 that have the pose, velocity and acceleration of both knots; the rates
+of theta follow from those of the body by :mod:`ik_node.math.so3`. So for any rates at the knots, poses, twists and
+their derivatives are continuous (C2), and the spline passes through the knots up to rounding.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ NEAREST_STEPS = 4
 
 
 class Knots(NamedTuple):
-    """What a spline goes through. Everything seen from {s}, but rates and angular accelerations written in the knot's
-    own frame."""
+    """Poses and derivatives on a spline, relative to {s}; the angular derivatives are in the frame of the knot."""
 
     times_s: Array
     """(N,), increasing, N >= 2."""
@@ -65,7 +64,7 @@ class Knots(NamedTuple):
 
 
 class SplineTable(NamedTuple):
-    """A spline's numbers."""
+    """The numbers of a spline, for compiled functions."""
 
     times_s: Array
     """(N,), of the knots."""
@@ -76,7 +75,7 @@ class SplineTable(NamedTuple):
 
 
 class RigidSpline:
-    """The C2 motion through :class:`Knots`; immutable. Times are seconds on the knots' own scale."""
+    """The C2 motion through :class:`Knots`; immutable. Times are on the scale of the knots."""
 
     def __init__(self, knots: Knots) -> None:
         self.knots = knots
@@ -108,7 +107,7 @@ class RigidSpline:
         return float(self.table.times_s[-1])
 
     def pose(self, time_s: float) -> tuple[Vector, Quaternion]:
-        """Position [m] and orientation (w, x, y, z); held at its ends outside ``begin_s .. end_s``."""
+        """Position [m] and orientation (w, x, y, z); constant outside ``begin_s .. end_s``."""
         return pose_on(self.table, time_s)
 
     def motion(self, time_s: float) -> RigidMotion:
@@ -141,11 +140,11 @@ class RigidSpline:
         )
 
     def nearest(self, position: Vector, time_s: float) -> tuple[float, float]:
-        """Time at which the path is nearest to ``position``, looked for downhill from ``time_s``, and how near [m]."""
+        """Time and distance [m] of the point next to ``position``, found by descent from ``time_s``."""
         return nearest_on(self.table, position, time_s)
 
 
-# --- what ticks do --------------------------------------------------------------------------------------------------
+# --- compiled ---------------------------------------------------------------------------------------------------------
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""How time on a path goes by: gathering speed where the path is under way, losing it again."""
+"""Speed ramps at the begin and end of a path that does not rest there."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from ik_node.math.numerics import smoothstep
 
 
 class SpeedRamp(NamedTuple):
-    """From a clock that starts with the path to the time on the path; plain data."""
+    """Maps the time since the start to the time on the path; plain data."""
 
     entry_s: float = 0.0
-    """Where on the path it is begun."""
+    """Time on the path at the start."""
     end_s: float = 0.0
-    """Where it ends."""
+    """Time on the path at the end."""
     rise_s: float = 0.0
-    """Over this time it gathers speed, as 3 u^2 - 2 u^3."""
+    """Duration of acceleration; the speed rises as 3 u^2 - 2 u^3."""
     fall_s: float = 0.0
-    """Over this time it loses speed."""
+    """Duration of deceleration."""
 
     @property
     def duration_s(self) -> float:
-        """How long it takes."""
+        """Total duration."""
         return self.end_s - self.entry_s + 0.5 * (self.rise_s + self.fall_s)
 
     def time_s(self, clock_s: float) -> float:
@@ -48,6 +48,6 @@ class SpeedRamp(NamedTuple):
 
 
 def _gone(time_s: float, ramp_s: float) -> float:
-    """How far a clock gets in ``time_s`` that gathers speed over ``ramp_s``."""
+    """Time on the path gained in ``time_s`` of an acceleration that takes ``ramp_s``."""
     u = time_s / ramp_s
     return ramp_s * u**3 * (1.0 - 0.5 * u)

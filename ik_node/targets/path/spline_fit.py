@@ -1,10 +1,10 @@
-"""How fast a smooth motion passes the poses that it was given.
+"""Spline fit: velocities and accelerations at the given poses of a path.
 
-Positions: the C2 cubic spline, of least bending. Rotations: McEnnan's rotation spline, the one of
-``scipy.spatial.transform.RotationSpline``: in each interval a cubic theta(u), with the knots' angular velocities from a
-tridiagonal system whose non-linear part is put on its right side and repeated. That repetition need not converge for
-the motion to be C2 (:class:`ik_node.targets.path.se3_spline.RigidSpline` sees to that); it settles for turns of up to
-about 150 degrees in each interval.
+Positions: the C2 cubic spline of least bending. Rotations: McEnnan's rotation spline, as in
+``scipy.spatial.transform.RotationSpline``: a cubic theta(u) in each interval, with the angular velocities at the knots
+from a tridiagonal system whose non-linear part is moved to the right side and iterated. The motion is C2 even without
+convergence (by :class:`ik_node.targets.path.se3_spline.RigidSpline`); the iteration converges for turns of up to about
+150 degrees per interval.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from ik_node.math.quaternion import Quaternion
 from ik_node.math.so3 import inverse_right_jacobian, relative_rotation_vectors, right_jacobian, right_jacobian_rate
@@ -19,11 +20,11 @@ from ik_node.math.types import Array
 from ik_node.targets.path.se3_spline import Knots
 
 ITERATIONS = 8
-"""How often the non-linear part of the rotations' system is renewed at most."""
+"""Largest number of iterations of the system of the rotations."""
 SETTLED = 1e-9
-"""Largest change of angular velocities [rad/s] at which it is settled."""
+"""Change of the angular velocities [rad/s] below which the iteration ends."""
 REPEATED = 1e-9
-"""Poses nearer to each other than this [m, rad] are the same one."""
+"""Poses closer to each other than this [m, rad] are equal."""
 
 
 def through_poses(
@@ -33,9 +34,17 @@ def through_poses(
     moving_start: bool = False,
     moving_end: bool = False,
 ) -> Knots:
-    """Knots of the spline through poses: at rest at its ends and wherever a pose is repeated.
+    """Fits a spline through poses; it rests at both ends and at repeated poses.
 
-    ``moving_start``, ``moving_end``: it is under way there instead, as the three poses nearest to that end say.
+    Args:
+        times_s: Times (N,), increasing, N >= 2.
+        positions: Positions (N, 3) [m].
+        orientations: N unit quaternions (w, x, y, z).
+        moving_start: True if it does not rest at the start; the velocity then follows from the first three poses.
+        moving_end: The same for the end.
+
+    Returns:
+        The knots with velocities and accelerations.
     """
     count = len(times_s)
     turns = relative_rotation_vectors(orientations)
@@ -52,14 +61,16 @@ def through_poses(
         free = (moving_start and begin == 0 and not still[0], moving_end and end == count - 1 and not still[-1])
         part = slice(begin, end)
         inner = slice(begin, end + 1)
-        straight = np.zeros_like(moves[part])  # theta = 0: J = 1, which makes the rotations' system that of positions
+        straight = np.zeros_like(
+            moves[part]
+        )  # theta = 0: J = 1, which turns the system of the rotations into that of the positions
         velocities[inner], accelerations[inner] = _least_bending(steps[part], moves[part], straight, free)
         rates[inner], angular[inner] = _least_bending(steps[part], turns[part], turns[part], free)
     return Knots(times_s, positions, orientations, velocities, rates, accelerations, angular)
 
 
 def _least_bending(steps: Array, ways: Array, turns: Array, free: tuple[bool, bool]) -> tuple[Array, Array]:
-    """Rates and their derivatives (N + 1, 3) at the knots of one piece, at rest at ends not ``free``."""
+    """Rates and their derivatives (N + 1, 3) at the knots of one piece; it rests at the ends that are not ``free``."""
     count = len(steps)
     h = steps[:, None]
     slopes = ways / h
@@ -68,14 +79,14 @@ def _least_bending(steps: Array, ways: Array, turns: Array, free: tuple[bool, bo
         if is_free:
             part = 0.0 if count == 1 else steps[end] / (steps[end] + steps[beside])
             rates[end] = slopes[end] + part * (slopes[end] - slopes[beside if count > 1 else end])
-    solver = _Tridiagonal(1.0 / steps)
+    weights = 1.0 / steps
     for _ in range(ITERATIONS):
         ends = inverse_right_jacobian(turns, rates[1:])
         right = 3.0 * (slopes[:-1] / h[:-1] + slopes[1:] / h[1:])
         right -= (right_jacobian(turns[:-1], rates[:-2]) - rates[:-2]) / h[:-1]
         right -= (ends[1:] - rates[2:]) / h[1:]
         right -= 0.5 * right_jacobian_rate(turns[:-1], ends[:-1], ends[:-1])
-        renewed = solver.solve(right, rates[0] / h[0], rates[-1] / h[-1])
+        renewed = _inner_rates(weights, right, rates[0] / h[0], rates[-1] / h[-1])
         change = float(np.abs(renewed - rates[1:-1]).max(initial=0.0))
         rates[1:-1] = renewed
         if change < SETTLED or not turns.any():
@@ -93,46 +104,34 @@ def _least_bending(steps: Array, ways: Array, turns: Array, free: tuple[bool, bo
     return rates, derivatives
 
 
-class _Tridiagonal:
-    """The system w_(i-1) m_(i-1) + 2 (w_(i-1) + w_i) m_i + w_i m_(i+1) = r_i of a cubic spline, w = 1 / h, with the
-    first and the last m given."""
+def _inner_rates(weights: Array, right: Array, first: Array, last: Array) -> Array:
+    """The inner unknowns (N - 1, 3) of the system of a cubic spline, given the outer ones times their weights.
 
-    def __init__(self, weights: Array) -> None:
-        self._weights: list[float] = weights.tolist()
-        self._upper: list[float] = []
-        self._pivots: list[float] = []
-        before = 0.0
-        for left, right in zip(self._weights, self._weights[1:], strict=False):
-            pivot = 2.0 * (left + right) - left * before
-            before = right / pivot
-            self._pivots.append(pivot)
-            self._upper.append(before)
-
-    def solve(self, right: Array, first: Array, last: Array) -> Array:
-        """The inner unknowns (N - 1, 3); ``first`` and ``last`` are the outer ones times their weights."""
-        shifted = right.copy()
-        if len(shifted):
-            shifted[0] -= first
-            shifted[-1] -= last
-        columns = [self._column(column) for column in shifted.T.tolist()]
-        return np.asarray(np.array(columns).T.reshape(-1, 3))
-
-    def _column(self, right: list[float]) -> list[float]:
-        forward, value = [], 0.0
-        for weight, pivot, entry in zip(self._weights, self._pivots, right, strict=False):
-            value = (entry - weight * value) / pivot
-            forward.append(value)
-        solution, value = [], 0.0
-        for entry, upper in zip(reversed(forward), reversed(self._upper), strict=True):
-            value = entry - upper * value
-            solution.append(value)
-        return solution[::-1]
+    w_(i-1) m_(i-1) + 2 (w_(i-1) + w_i) m_i + w_i m_(i+1) = r_i with w = 1 / h (N,); ``first`` is w_0 m_0, ``last``
+    w_(N-1) m_N.
+    """
+    if not len(right):
+        return right
+    shifted = right.copy()
+    shifted[0] -= first
+    shifted[-1] -= last
+    bands = np.zeros((3, len(right)))
+    bands[0, 1:] = bands[2, :-1] = weights[1:-1]
+    bands[1] = 2.0 * (weights[:-1] + weights[1:])
+    return np.asarray(solve_banded((1, 1), bands, shifted, overwrite_ab=True, overwrite_b=True, check_finite=False))
 
 
 def estimated_accelerations(knots: Knots) -> Knots:
-    """``knots`` with accelerations where only poses and rates are known: those of the polynomial of degree 5 through
-    each knot and its neighbours, right to the fourth order of their distance. At an end that rests they are 0, at
-    another one those of the cubic beside it.
+    """Accelerations from poses and velocities.
+
+    They are those of the polynomial of degree 5 through each knot and its neighbours, an approximation of fourth order.
+    At an end at rest they are 0, at another end those of the adjacent cubic.
+
+    Args:
+        knots: Knots with poses and velocities.
+
+    Returns:
+        The knots with accelerations.
     """
     steps, moves = np.diff(knots.times_s), np.diff(knots.positions, axis=0)
     turns = relative_rotation_vectors(knots.orientations)

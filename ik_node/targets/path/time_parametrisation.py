@@ -1,21 +1,21 @@
-"""Times for a path that came without: as fast as the bounds allow, from rest to rest.
+"""Times for a path without time stamps: as fast as the bounds allow, from rest to rest.
 
-The path T(z) is the spline of least bending, with z the time that it would take at ``path.speed`` from pose to pose. For z(t) every quantity y of the path that is bounded (the position of the
-tool, its orientation, each joint of the arm) asks for ::
+The path T(z) is the spline of least bending, where z is the time that the way from pose to pose takes at
+``path.speed``. For z(t), every bounded quantity y of the path (the position of the tool, its orientation, each joint)
+requires ::
 
     |y' z'| <= speed ,    |y''| z'^2 <= c a ,    |y'| |z''| <= a - |y''| z'^2 ,    c = 0.7
 
-where the last one is taken at the highest z' that the others leave. So the bounds on z'^2 and z'' are numbers at each
-point, and at most a part c of the acceleration bound a goes into bending. One pass backwards and one forwards along the
-path then give the highest z' (the two passes of Pham and Pham, "A new approach to time-optimal path parameterization
-based on reachability analysis", IEEE T-RO 34, 2018, on boxes instead of polygons). Last, z(t) is averaged over
-``WINDOW_S``: acceleration becomes continuous, and each bound still holds, since it was taken from all points that the
-average can reach.
+where the last condition is evaluated at the largest z' that the others allow. So the bounds on z'^2 and z'' are numbers
+at each point, and at most a fraction c of the acceleration bound a is used for bending. A backward and a forward pass
+along the path give the largest z' (the two passes of Pham and Pham, "A new approach to time-optimal path
+parameterization based on reachability analysis", IEEE T-RO 34, 2018, on boxes instead of polygons). Finally z(t) is
+averaged over ``WINDOW_S``: acceleration becomes continuous, and each bound still holds, since it was the minimum over
+all points that the average can reach.
 
-Why not the library toppra (0.6.10; it installs everywhere that this package does): its work, 8 ms for 200 points,
-cannot be spread over control ticks; the smoothed result of a trial exceeded the joints' acceleration bound by 10 %; it
-needs scipy and takes a second to import. In the one trial that was run with it, where the joints' bounds counted, its
-time was shorter by a quarter (3.5 s instead of 4.6 s).
+Why not the library toppra (0.6.10): its work, 8 ms for 200 points, cannot be spread over control steps; the smoothed
+result of a trial exceeded the acceleration bound of the joints by 10 %; it takes a second to import. In the one trial,
+where the bounds of the joints were active, its time was shorter by a quarter (3.5 s instead of 4.6 s).
 """
 
 from __future__ import annotations
@@ -40,52 +40,64 @@ from ik_node.targets.path.spline_fit import REPEATED, through_poses
 from ik_node.targets.path.time_scaling import TimeScalingTable
 
 PER_INTERVAL, MOST_POINTS = 6, 1500
-"""Points at which bounds are looked at, from pose to pose; fewer where that makes too many, but each pose."""
+"""Points per interval at which bounds are evaluated, and their largest total number; each pose is one of them."""
 BENDING_SHARE = 0.7
-"""c: part of the acceleration bounds that may go into bending."""
+"""c: fraction of the acceleration bounds for bending."""
 WINDOW_S = 0.1
-"""Time over which the law is averaged."""
+"""Time over which z(t) is averaged."""
 FASTEST = 3.0
-"""Highest z': nothing gets faster than so many times the nominal speed, whatever the bounds allow."""
+"""Largest z': the largest multiple of the nominal speed."""
 JOINT_POINTS = 200
-"""Joints are looked at in about so many points."""
+"""Approximate number of points at which joint bounds are evaluated."""
 JOINT_SHARE = 0.8
-"""Part of the joints' limits that a path may use; the rest is for feedback."""
+"""Fraction of the joint limits that a path may use; the rest is for feedback."""
 POINTS_PER_TICK = 3
-"""So many of them in one control tick."""
+"""Number of these points per control step."""
 DAMPING = 1e-6
-"""Of the inverse kinematics along the path [m2]: joints stay finite where the path is singular."""
+"""Damping of the inverse kinematics along the path [m2], for finite results at singularities."""
 CORRECTIONS = 2
 """Newton steps from one point to the next."""
 
 
 class PathBounds(NamedTuple):
-    """What z' and z'' may be at points of a path."""
+    """Bounds on z' and z'' at points of a path."""
 
     places: Array
     """(M,): z."""
     squared_rate: Array
-    """(M,): highest z'^2."""
+    """(M,): largest z'^2."""
     change: Array
-    """(M,): highest |z''|."""
+    """(M,): largest |z''|."""
 
 
 class JointSearch(NamedTuple):
-    """Joint positions along a path, as far as they have been looked for; plain data."""
+    """Joint positions along a path, as far as they have been computed; plain data."""
 
     places: tuple[float, ...]
     start: tuple[float, ...]
-    """Where the arm was when it began, rad (m)."""
+    """Joint positions at the begin of the search, rad (m)."""
     positions: tuple[tuple[float, ...], ...]
 
 
 def nominal_knots(positions: Array, orientations: tuple[Quaternion, ...], settings: PathSettings) -> Knots:
-    """The path without its repeated poses, over z. Raises TargetRefused where all poses are the same."""
+    """Fits the spline of least bending over z through the poses, without repeated poses.
+
+    Args:
+        positions: Positions (N, 3) [m].
+        orientations: N unit quaternions (w, x, y, z).
+        settings: ``speed`` defines z.
+
+    Returns:
+        The knots over z.
+
+    Raises:
+        TargetRefused: All poses are equal.
+    """
     linear = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     angular = np.linalg.norm(relative_rotation_vectors(orientations), axis=1)
     kept = [0, *(np.flatnonzero((linear > REPEATED) | (angular > REPEATED)) + 1).tolist()]
     if len(kept) < 2:
-        raise TargetRefused("a path without times, of poses that are all the same")
+        raise TargetRefused("a path without time stamps whose poses are all the same")
     remaining = tuple(orientations[index] for index in kept)
     lengths = np.linalg.norm(np.diff(positions[kept], axis=0), axis=1)
     angles = np.linalg.norm(relative_rotation_vectors(remaining), axis=1)
@@ -95,7 +107,7 @@ def nominal_knots(positions: Array, orientations: tuple[Quaternion, ...], settin
 
 
 def tool_bounds(spline: RigidSpline, settings: Settings) -> PathBounds:
-    """What the bounds on the tool's motion in ``settings`` leave."""
+    """Bounds from the speed and the acceleration of the tool."""
     per_interval = min(max(MOST_POINTS // len(spline.knots.times_s), 1), PER_INTERVAL)
     places, first, second = spline.derivatives(per_interval)
     speeds = np.array(settings.path.speed)
@@ -106,7 +118,7 @@ def tool_bounds(spline: RigidSpline, settings: Settings) -> PathBounds:
 
 
 def _bounds(places: Array, slopes: Array, bends: Array, speeds: Array, accelerations: Array) -> PathBounds:
-    """``slopes`` and ``bends`` (M, k) are |y'| and |y''|."""
+    """Bounds from |y'| and |y''|, which are ``slopes`` and ``bends`` (M, k)."""
     with np.errstate(divide="ignore"):
         squared = np.minimum((speeds / slopes) ** 2, BENDING_SHARE * accelerations / bends).min(axis=1)
         squared = np.minimum(squared, FASTEST**2)
@@ -115,7 +127,7 @@ def _bounds(places: Array, slopes: Array, bends: Array, speeds: Array, accelerat
 
 
 def compute_time_scaling(bounds: PathBounds) -> TimeScalingTable:
-    """The fastest law within ``bounds``, averaged over ``WINDOW_S``."""
+    """The fastest time scaling within ``bounds``, averaged over ``WINDOW_S``."""
     places = bounds.places
     reach = WINDOW_S * float(bounds.squared_rate.max()) ** 0.5
     squared, change = (_least_within(places, values, reach) for values in bounds[1:])
@@ -133,36 +145,36 @@ def compute_time_scaling(bounds: PathBounds) -> TimeScalingTable:
 
 
 def _least_within(places: Array, values: Array, reach: float) -> Array:
-    """At each place the least of the values up to ``reach`` away."""
+    """At each place the smallest of the values up to ``reach`` away."""
     begins = np.maximum(np.searchsorted(places, places - reach) - 1, 0).tolist()
     ends = np.searchsorted(places, places + reach, side="right").tolist()
     return np.array([values[begin : end + 1].min() for begin, end in zip(begins, ends, strict=True)])
 
 
 class PathTiming:
-    """Finds time laws. What it has to remember between control ticks is handed out and in."""
+    """Computes time scalings; its state between control steps is passed by the caller."""
 
     def __init__(self, settings: Settings, robot: Robot | None) -> None:
-        """Without a ``robot`` only the bounds on the tool's motion count."""
+        """``robot``: its joint limits are bounds too; None for those of the tool alone."""
         self._robot = robot
         self.configure(settings)
 
     def configure(self, settings: Settings) -> None:
-        """Other settings from now on."""
+        """Applies other settings."""
         self._settings = settings
 
     def begin(self, spline: RigidSpline, q: Array | None) -> JointSearch | None:
-        """What is left to do before there can be a law for an arm at q (n,); None for nothing."""
+        """Begins the search for joint positions from q (n,); None if none is necessary."""
         return None if self._robot is None or q is None else begin_joint_search(spline, q)
 
     def advanced_search(self, spline: RigidSpline, search: JointSearch) -> JointSearch:
-        """A control tick's share of it."""
+        """The search after the work of one control step."""
         if self._robot is None:
             raise InputError("a search for joint positions needs a robot")
         return advanced_search(search, spline, self._robot)
 
     def time_scaling(self, spline: RigidSpline, search: JointSearch | None) -> TimeScalingTable:
-        """The law, once nothing is left to do."""
+        """The time scaling, after a completed search."""
         settings = self._settings
         bounds = tool_bounds(spline, settings)
         if search is not None and self._robot is not None:
@@ -175,14 +187,14 @@ class PathTiming:
 
 
 def begin_joint_search(spline: RigidSpline, q: Array) -> JointSearch:
-    """Nothing found yet; the arm is at q (n,)."""
+    """A search from the joint positions q (n,)."""
     count = min(JOINT_POINTS, 4 * len(spline.knots.times_s))
     places = np.linspace(spline.begin_s, spline.end_s, count)
     return JointSearch(tuple(places.tolist()), tuple(q.tolist()), ())
 
 
 def advanced_search(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch:
-    """The joint positions of a few more points, each from the one before."""
+    """The search with the joint positions of a few more points, each computed from the previous one."""
     positions = search.positions
     if not positions:
         solver = PoseSolver(robot)
@@ -206,12 +218,12 @@ def _pose(spline: RigidSpline, place: float) -> Array:
 
 
 def is_done(search: JointSearch) -> bool:
-    """Every point has been found."""
+    """True if the joint positions of all points are known."""
     return len(search.positions) == len(search.places)
 
 
 def joint_bounds(search: JointSearch, limits: MotionLimits) -> PathBounds:
-    """What the joints' velocity and acceleration limits leave."""
+    """Bounds from the velocity and acceleration limits of the joints."""
     places, positions = np.array(search.places), np.array(search.positions)
     first = np.gradient(positions, places, axis=0, edge_order=2)
     second = np.gradient(first, places, axis=0, edge_order=2)
@@ -220,7 +232,7 @@ def joint_bounds(search: JointSearch, limits: MotionLimits) -> PathBounds:
 
 
 def both(tool: PathBounds, joints: PathBounds) -> PathBounds:
-    """At the places of ``tool`` the tighter of both; between two points of ``joints`` the tighter of those."""
+    """The tighter of both at the places of ``tool``; between two points of ``joints`` the tighter of these counts."""
     after = np.minimum(np.searchsorted(joints.places, tool.places), len(joints.places) - 1)
     before = np.maximum(after - 1, 0)
     squared, change = (np.minimum(values[before], values[after]) for values in joints[1:])

@@ -1,4 +1,4 @@
-"""A time law: how far along a path one is at each time, from rest to rest, with continuous acceleration."""
+"""Time scaling: the path parameter as a function of time, from rest to rest, with continuous acceleration."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ik_node.math.types import Array
 
 
 class TimeScalingTable(NamedTuple):
-    """Times at which points of a path are passed before they are smoothed; plain data."""
+    """Times of points of a path before averaging; plain data."""
 
     times_s: Array
     """(M,), increasing from 0."""
     places: Array
     """(M,), increasing: the path's parameter."""
     rates: Array
-    """(M,), its derivative: 0 at both ends, and linear in time in between."""
+    """(M,), derivative of ``places``: 0 at both ends, piecewise linear in time."""
     window_s: float
-    """Everything is the mean over so much time: that makes acceleration continuous, and jerk bounded."""
+    """Averaging time, which makes acceleration continuous and jerk bounded."""
 
 
 class TimeScaling:
@@ -34,20 +34,20 @@ class TimeScaling:
             (table.times_s, table.places, table.rates, np.append(changes, 0.0), np.append(0.0, np.cumsum(areas))),
             axis=1,
         )
-        """(M, 5): time, parameter, its derivative, how that changes until the next row, the integral until there."""
+        """(M, 5): time, parameter, its first derivative, its second derivative up to the next row, its integral."""
         self.window_s = table.window_s
 
     @property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Duration from rest to rest."""
         return float(self.rows[-1, 0]) + self.window_s
 
     def place(self, time_s: float) -> float:
-        """The path's parameter; held at its ends outside 0 .. ``duration_s``."""
+        """The path parameter; constant outside 0 .. ``duration_s``."""
         return place_at(self.rows, self.window_s, time_s)
 
     def rates(self, time_s: float) -> tuple[float, float]:
-        """Its first and second derivative."""
+        """First and second derivative of the path parameter."""
         _, place, rate = _unsmoothed(self.rows, time_s)
         _, place_before, rate_before = _unsmoothed(self.rows, time_s - self.window_s)
         return (place - place_before) / self.window_s, (rate - rate_before) / self.window_s
@@ -65,7 +65,7 @@ def place_at(rows: Array, window_s: float, time_s: float) -> float:
 
 @compiled
 def _unsmoothed(rows: Array, time_s: float) -> tuple[float, float, float]:
-    """The integral, the parameter and its derivative before they are smoothed."""
+    """Integral, value and derivative of the parameter before averaging."""
     if time_s <= rows[0, 0]:
         return rows[0, 1] * time_s, rows[0, 1], 0.0
     last, place, _, _, area = rows[-1]

@@ -1,4 +1,4 @@
-"""A path over time: its geometry, and the law by which it is gone through where its own parameter is not time."""
+"""A path as a function of time: its spline, and a time scaling if the parameter of the spline is not time."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ NO_TIME_SCALING = np.zeros((0, 5))
 
 
 class PathTable(NamedTuple):
-    """A path's numbers."""
+    """The numbers of a path, for compiled functions."""
 
     spline: SplineTable
     time_scaling: Array
-    """:attr:`TimeScaling.rows`; none where the knots' parameter is time."""
+    """:attr:`TimeScaling.rows`; empty if the parameter of the knots is time."""
     window_s: float
 
 
 class TimedPath:
-    """Immutable."""
+    """A path with times; immutable."""
 
     def __init__(self, knots: Knots, time_scaling: TimeScalingTable | None) -> None:
-        """``time_scaling``: None where the knots' parameter is time in seconds."""
+        """``time_scaling``: None if the parameter of the knots is time in seconds."""
         self.spline = RigidSpline(knots)
         self._time_scaling = None if time_scaling is None else TimeScaling(time_scaling)
         rows, window_s = (
@@ -44,11 +44,11 @@ class TimedPath:
 
     @property
     def end_s(self) -> float:
-        """When it ends; it begins at 0."""
+        """Time of its end; it begins at 0."""
         return self.spline.end_s if self._time_scaling is None else self._time_scaling.duration_s
 
     def pose(self, time_s: float) -> tuple[Vector, Quaternion]:
-        """Position [m] and orientation (w, x, y, z); held at its ends."""
+        """Position [m] and orientation (w, x, y, z); constant beyond the ends."""
         return self.spline.pose(time_s if self._time_scaling is None else self._time_scaling.place(time_s))
 
     def motion(self, time_s: float) -> RigidMotion:
@@ -66,10 +66,19 @@ class TimedPath:
         pose_sb: Array | None,
         part: float,
     ) -> tuple[Motion, Transition | None, float]:
-        """The motion from ``begin_s`` to ``end_s`` of the path, at an ``transition`` from it, with that for ``hold_s``.
+        """The motion from ``begin_s`` to ``end_s`` of the path.
 
-        The twist belongs to the ``part`` of ``hold_s`` that the way takes. Last comes how near the path comes to the
-        tool [m], looked for downhill from where it is at ``begin_s``; NaN without ``pose_sb`` (4, 4).
+        Args:
+            begin_s: Time on the path now.
+            end_s: Time on the path after the control interval.
+            hold_s: Length of the control interval.
+            transition: Transition onto the path; None on the path.
+            pose_sb: Measured T_sb (4, 4), for the distance; None for a distance of NaN.
+            part: Fraction of ``hold_s`` to which the way from ``begin_s`` to ``end_s`` corresponds.
+
+        Returns:
+            Pose and mean twist, the transition with its schedule for ``hold_s``, and the distance of the tool from the
+            path [m], found by descent from ``begin_s``.
         """
         motion, after, distance_m = _led(
             self._table,
@@ -84,7 +93,7 @@ class TimedPath:
         return motion, after if transition is not None else None, distance_m
 
     def resting(self, time_s: float) -> RigidMotion:
-        """At rest at one pose of the path."""
+        """A pose of the path as a motion at rest."""
         position, orientation = self.pose(time_s)
         return RigidMotion(position, orientation=orientation)
 
@@ -100,7 +109,7 @@ def _led(
     pose_sb: Array,
     part: float,
 ) -> tuple[Motion, Transition, float]:
-    """:meth:`TimedPath.advance`; ``has_transition``: whether there is an offset."""
+    """:meth:`TimedPath.advance`; ``has_transition``: False if there is no transition."""
     begin, end = _place(path, begin_s), _place(path, end_s)
     position, orientation = pose_on(path.spline, begin)
     now = resting(position, orientation)
@@ -116,5 +125,5 @@ def _led(
 
 @compiled
 def _place(path: PathTable, time_s: float) -> float:
-    """The parameter of the spline."""
+    """The parameter of the spline at ``time_s``."""
     return time_s if len(path.time_scaling) == 0 else place_at(path.time_scaling, path.window_s, time_s)

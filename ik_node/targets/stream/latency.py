@@ -1,7 +1,7 @@
-"""How far behind a streamed target the motion runs on purpose.
+"""Intentional delay of the reference behind an unpredictable target of a stream.
 
-Between samples a target is extrapolated, and where it is hard to foretell the motion would swing about it. Running up
-to a sample period late turns extrapolation into interpolation. A predictable target is followed without lag.
+Between samples the target is extrapolated; if it is unpredictable, the motion would oscillate about it. A delay of up
+to a sample period turns extrapolation into interpolation. A predictable target is followed without delay.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
 
 PREDICTABLE, UNPREDICTABLE = 0.05, 0.08
-"""Error of the predictions as part of the way between samples, up to which the motion does not lag, and from which on
-it lags by all that is allowed."""
+"""RMS prediction error relative to the RMS step: no delay up to the first value, the maximum from the second on."""
 LATENCY_RATE = 0.1
-"""Change of the latency per second: the part by which the motion runs slower or faster meanwhile."""
+"""Change of the delay per second, by which the motion is slower or faster during the change."""
 
 
 class Latency(NamedTuple):
-    """A lag on its way to another."""
+    """A delay that changes to ``goal_s`` at a constant rate."""
 
     value_s: float = 0.0
     """At ``time_ns``."""
@@ -27,15 +26,15 @@ class Latency(NamedTuple):
     time_ns: int = 0
 
     def moving_to(self, goal_s: float, time_ns: int) -> Latency:
-        """The same latency on its way to another."""
+        """The same delay, from ``time_ns`` on changing to another goal."""
         return Latency(latency_at(self, time_ns)[0], goal_s, time_ns)
 
 
 @compiled
 def latency_at(latency: Latency, time_ns: int) -> tuple[float, float]:
-    """Latency [s] and its rate of change."""
+    """Delay [s] and its rate of change at ``time_ns``."""
     left = latency.goal_s - latency.value_s
-    # a late tick asks for moments before the newest sample
+    # a late control step asks for times before the newest sample
     change = LATENCY_RATE * max(0, time_ns - latency.time_ns) / NS
     if abs(left) <= change:
         return latency.goal_s, 0.0
@@ -43,6 +42,6 @@ def latency_at(latency: Latency, time_ns: int) -> tuple[float, float]:
 
 
 def target_latency(unpredictability: float, max_latency_s: float) -> float:
-    """Latency [s] for a target of this unpredictability (``predictors.PredictorBank``), at most ``max_latency_s``."""
+    """Delay [s] for a target of this unpredictability (see :class:`PredictorBank`), at most ``max_latency_s``."""
     part = (unpredictability - PREDICTABLE) / (UNPREDICTABLE - PREDICTABLE)
     return max_latency_s * min(1.0, max(0.0, part))

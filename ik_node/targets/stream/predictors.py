@@ -1,10 +1,10 @@
-"""Where a streamed target is between its samples: several predictors, weighted by how well they have foretold.
+"""Prediction of a streamed target between its samples by several predictors, weighted by their past errors.
 
 Each predictor is a fading-memory polynomial (Morrison, Introduction to Sequential Smoothing and Prediction, 1969) of
-degree 0, 1 or 2: least squares with weights that fade into the past, as a recursion. Short memories follow, long ones
-smooth; which is better depends on the stream, and is measured: each sample is compared with what every predictor said
-it would be. Each exists twice, once on the stamps as they are and once on the regular times of ``cadence.py``, and the
-better of the two tells whether the stamps can be believed. Position and orientation choose apart.
+degree 0, 1 or 2: recursive least squares with exponentially decreasing weights. Short memories follow, long ones
+smooth; which is better depends on the stream and is measured by comparing each sample with its predictions. Each
+predictor exists twice, once on the stamps and once on the regular times of ``sampling_clock.py``; the smaller error of
+the two selects the time base. Position and orientation are weighted separately.
 
 Orientation is a rotation vector in {s} from the newest sample's orientation.
 """
@@ -31,25 +31,25 @@ PREDICTORS = (
     (2, 0.6),
     (2, 0.75),
 )
-"""Degree, and weight of the past per sample period."""
+"""Degree and forgetting factor per sample period."""
 SHORTEST_HORIZON_S = 0.02
-"""Memories fade, and predictions are scored, over at least this: the motion cannot use what is faster."""
+"""Smallest time scale of forgetting and of scoring; the motion cannot use faster predictions."""
 SCORE_MEMORY = 0.94
-"""Weight of the past in the scores, per scored sample."""
+"""Forgetting factor of the scores, per scored sample."""
 LATENCY_MEMORY = 0.98
-"""The same in what says how predictable the target is: longer, lest the motion's latency change all the time."""
+"""Forgetting factor of the predictability; longer, so that the delay of the motion changes seldom."""
 SMALL_STEP = np.array((1.5e-3, 5e-3)) ** 2
-"""Added to the mean squared step [m2, rad2] that errors are compared with: errors far below that do not matter."""
+"""Added to the mean squared step [m2, rad2] to which errors are compared, so that much smaller errors do not count."""
 LEARNING = 5
-"""Scored samples after which that is begun: the first ones tell of the beginning, not of the target."""
+"""Number of scored samples after which predictability is estimated; the first ones depend on the initial state."""
 LEARNING_REGULAR = 9
-"""The same on the regular times, which have to be learnt first."""
+"""The same on the regular times, which must be estimated first."""
 SHARPNESS = 12
-"""Weight of a predictor: mean squared error to the power of minus this."""
+"""The weight of a predictor is its mean squared error to the power of minus this."""
 BENEFIT = 0.75
-"""Factor on the mean squared error of the predictor that nothing moves: one step out of rest is no motion yet."""
+"""Factor on the mean squared error of the predictor of degree 0: one step out of rest is no motion yet."""
 PREFERENCE = 0.5
-"""The other time base is taken when its error is below this part of that in use."""
+"""The time base changes when the error on the other one is below this fraction of the present one."""
 FLOOR = np.array((1e-12, 1e-10))
 """Mean squared errors [m2, rad2] below which predictors count as equally good: a micrometre, 10 microradian."""
 
@@ -70,7 +70,7 @@ _PART_OF_TARGET = np.array([1.0 - 1.0 / (1.0 + variance_ratio(*predictor)) for p
 
 
 class Polynomials(NamedTuple):
-    """Every predictor's polynomial about one sample; arrays are never changed in place."""
+    """The polynomials of all predictors about one sample; the arrays are never modified in place."""
 
     value: Array
     """(2 N, 6): position [m] in {s}, rotation vector [rad]."""
@@ -79,9 +79,9 @@ class Polynomials(NamedTuple):
     position: Vector
     """Of the sample."""
     orientation: Quaternion
-    """Of the sample; from here the rotation vectors count."""
+    """Of the sample; origin of the rotation vectors."""
     times: tuple[float, float]
-    """Of the sample on the two time bases [s], from the first after the last jump or gap."""
+    """Times of the sample on the two time bases [s], from the first sample after the last jump or gap."""
 
 
 class PredictorBank(NamedTuple):
@@ -89,45 +89,49 @@ class PredictorBank(NamedTuple):
 
     now: Polynomials
     scored: Polynomials
-    """As they were when last compared with a sample."""
+    """As they were when they were last compared with a sample."""
     sample_count: int
-    """Samples since the last jump or gap."""
+    """Number of samples since the last jump or gap."""
     errors: Array
-    """(2 N, 2): faded sums of squared errors of position and orientation."""
+    """(2 N, 2): weighted sums of squared errors of position and orientation."""
     weight: float
-    """The same of 1."""
+    """Sum of the weights."""
     long_errors: Array
-    """(2 N, 2): as ``errors``, over a longer time."""
+    """(2 N, 2): as ``errors``, with the longer memory."""
     long_steps: Array
-    """(2,): the same of the way between scored samples."""
+    """(2,): weighted sums of squared steps between scored samples."""
     long_weight: Array
-    """(2,): the same of 1 while the target moves, of less while it rests."""
+    """(2,): sums of the weights; a sample of a target at rest counts less."""
     long_count: int
-    """Scored samples that these hold."""
+    """Number of scored samples in these sums."""
     regular: bool
-    """The regular times are in use."""
+    """True if the regular times are in use, False for the stamps."""
 
     @property
     def unpredictability(self) -> tuple[float, float]:
-        """RMS error of the best predictor as part of the RMS step, of position and orientation; 0 unless known.
+        """RMS error of the best predictor relative to the RMS step, for position and orientation; 0 until estimated.
 
-        The noise of the samples that the predictions are compared with is taken off, as if all error were noise.
+        The noise of the compared samples is subtracted, as if all error were noise.
         """
         return _unpredictability(self.long_errors, self.long_steps, self.long_weight, self.long_count, self.regular)
 
     def curve(self) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
         """Position, rotation vector, and their derivatives at the newest sample, weighted over the predictors.
 
-        In the order of ``curve.TargetCurve``: position, velocity, acceleration, rotation vector, its two derivatives.
+        In the order of :class:`TargetCurve`: position, velocity, acceleration, rotation vector, its two derivatives.
         """
         now = self.now
         return _curve(now.value, now.slope, now.bend, self.errors, self.weight, self.regular)
 
 
 def new_bank(position: Vector, orientation: Quaternion, earlier: PredictorBank | None, regular: bool) -> PredictorBank:
-    """Predictors that know one sample, and of what came before a jump or gap only who foretold it well.
+    """The predictors after the first sample, or the first one after a jump or gap.
 
-    ``regular`` says which times to begin with when there was nothing before.
+    Args:
+        position: Position of the sample [m].
+        orientation: Orientation of the sample.
+        earlier: Predictors before the jump or gap, whose scores are kept; None at the start.
+        regular: Initial time base if there is no ``earlier``.
     """
     value = np.zeros((2 * _N, 6))
     value[:, :3] = position
@@ -143,7 +147,7 @@ def new_bank(position: Vector, orientation: Quaternion, earlier: PredictorBank |
 def updated_bank(
     bank: PredictorBank, position: Vector, orientation: Quaternion, elapsed_s: tuple[float, float], period_s: float
 ) -> PredictorBank:
-    """The predictors with one more sample, ``elapsed_s`` after the newest on the stamps and on the regular times."""
+    """The predictors after one more sample, ``elapsed_s`` after the newest by its stamp and by its regular time."""
     before, count = bank.now, bank.sample_count + 1
     horizon_s = max(period_s, SHORTEST_HORIZON_S)
     dt = (max(elapsed_s[0], 1e-4), max(elapsed_s[1], 1e-4))
@@ -167,7 +171,7 @@ def updated_bank(
         return _scored(bank, now, count)
     return PredictorBank(
         now,
-        bank.scored if count > 2 else now,  # a single sample foretells nothing
+        bank.scored if count > 2 else now,  # a single sample predicts nothing
         count,
         bank.errors,
         bank.weight,
@@ -187,7 +191,7 @@ def _extrapolated(polynomials: Polynomials, predictor: int, axis: int, t: float)
 
 @compiled
 def _gains(degree: int, fade_per_period: float, dt: float, horizon_s: float, n: float) -> tuple[float, float, float]:
-    """Of value, slope and bend for the n-th sample, n >= 2: growing memory until it is long enough, fading then."""
+    """Gains of value, slope and bend for the n-th sample, n >= 2: growing memory first, then fading memory."""
     fade = fade_per_period ** (dt / horizon_s)
     rest = 1.0 - fade
     pairs = n * (n + 1.0)
@@ -207,7 +211,7 @@ def _gains(degree: int, fade_per_period: float, dt: float, horizon_s: float, n: 
 
 @compiled
 def _scored(bank: PredictorBank, now: Polynomials, sample_count: int) -> PredictorBank:
-    """``bank`` with the predictors ``now``, after those of ``bank.scored`` have been compared with the sample."""
+    """``bank`` with the predictors ``now``, after the comparison of ``bank.scored`` with the sample."""
     then = bank.scored
     turn = to_rotation_vector(multiply(now.orientation, conjugate(then.orientation)))
     sample = (now.position[0], now.position[1], now.position[2], turn[0], turn[1], turn[2])
@@ -236,7 +240,7 @@ def _scored(bank: PredictorBank, now: Polynomials, sample_count: int) -> Predict
             in_use,
         )
     step = np.array((length(difference(now.position, then.position)), length(turn))) ** 2
-    moving = step / (step + SMALL_STEP)  # at rest nothing is forgotten
+    moving = step / (step + SMALL_STEP)  # no forgetting at rest
     kept = 1.0 - (1.0 - LATENCY_MEMORY) * moving
     return PredictorBank(
         now,
@@ -254,7 +258,7 @@ def _scored(bank: PredictorBank, now: Polynomials, sample_count: int) -> Predict
 
 @compiled
 def _least_error(errors: Array, weight: float, first: int) -> float:
-    """Of the predictors on one time base: least error of position times least error of orientation."""
+    """Smallest error of position times smallest error of orientation, over the predictors on one time base."""
     product = 1.0
     for half in range(2):
         product *= (errors[first : first + _N, half] + weight * FLOOR[half]).min()

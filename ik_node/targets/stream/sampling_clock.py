@@ -1,7 +1,7 @@
-"""The rhythm of a stream: its sample period, and when a sample really was taken.
+"""Sampling clock of a stream: the sample period, and the time at which a sample was taken.
 
-A stream is sampled regularly and stamped or delivered irregularly. A phase-locked estimate (a fading-memory line
-through the stamps, so exact for a stream without jitter) says when the sample should have come.
+A stream is sampled regularly, but stamped or delivered irregularly. A phase-locked estimate (a fading-memory line
+through the stamps, exact for a stream without jitter) gives the regular time of each sample.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
 
 UNKNOWN_PERIOD_S = 0.05
-"""Sample period that is assumed until two samples have come."""
+"""Assumed sample period until two samples have arrived."""
 INTERVALS = 15
-"""Intervals between samples from which the period is taken."""
+"""Number of intervals between samples from which the period is estimated."""
 MEMORY = 0.9
-"""Weight of the past in the phase-locked estimate, per sample."""
+"""Forgetting factor of the phase-locked estimate, per sample."""
 SPREAD_MEMORY = 0.95
-"""The same in the jitter's variance."""
+"""Forgetting factor of the variance of the jitter, per sample."""
 MOST_MISSED = 4
-"""After more lost samples than this the rhythm is learnt anew."""
+"""After more lost samples than this the estimate starts anew."""
 LARGEST_RESIDUAL = 0.6
-"""A sample further than this part of a period from where the rhythm puts it starts a new rhythm."""
+"""A sample whose residual exceeds this fraction of a period starts the estimate anew."""
 LARGEST_DISAGREEMENT = 0.15
-"""Between the phase-locked period and the mean interval, as part of the period."""
+"""Largest difference of the phase-locked period from the mean interval, as a fraction of the period."""
 CLEARLY_BETTER = 0.7
-"""Part of the squared misfit of steps that another count of them must not exceed."""
+"""Another count of the steps is used if its squared misfit is below this fraction of the first one's."""
 LARGEST_DELAY = 0.25
-"""Mean delay, in periods, that is believed at most."""
+"""Largest mean delay, in periods, that is compensated."""
 
 
 class SamplingClock(NamedTuple):
-    """What is known of a stream's rhythm after its newest sample."""
+    """Estimates after the newest sample of a stream."""
 
     time_ns: int = 0
     """Stamp of the newest sample."""
@@ -45,7 +45,7 @@ class SamplingClock(NamedTuple):
     period_s: float = UNKNOWN_PERIOD_S
     """Mean interval, lost samples counted."""
     age: int = 0
-    """Samples since the rhythm began; 0 before the first."""
+    """Number of samples since the estimate began; 0 before the first."""
     locked_period_s: float = 0.0
     """Period of the phase-locked estimate."""
     offset_s: float = 0.0
@@ -55,21 +55,21 @@ class SamplingClock(NamedTuple):
 
     @property
     def delay_s(self) -> float:
-        """Mean delay of the arrivals, from their spread: that of delays spread evenly from 0 on."""
+        """Mean delay of the arrivals, from their variance: that of delays distributed evenly from 0 on."""
         return min(sqrt(3.0 * self.variance), LARGEST_DELAY * self.period_s)
 
 
 def reset(clock: SamplingClock, time_ns: int) -> SamplingClock:
-    """The rhythm begins at this sample; the period is kept until it is known better."""
+    """The estimate starts anew at this sample; the period is kept until there is a better one."""
     return clock._replace(time_ns=time_ns, age=1, offset_s=0.0)
 
 
 def updated(clock: SamplingClock, time_ns: int) -> SamplingClock:
-    """The rhythm with one more sample, later than the newest."""
+    """The estimate with one more sample, later than the newest."""
     interval = time_ns - clock.time_ns
     intervals = (*clock.intervals[1 - INTERVALS :], interval)
     mean_s = _period(np.array(intervals, dtype=np.int64), clock.period_s * NS)
-    # until the line is long its slope is worse than the mean interval; later it must agree, else it has lost steps
+    # a short line has a worse slope than the mean interval; a long one must agree with it, else steps were lost
     locked_period_s = clock.locked_period_s
     if clock.age < INTERVALS or abs(locked_period_s - mean_s) > LARGEST_DISAGREEMENT * mean_s:
         locked_period_s = mean_s

@@ -1,10 +1,9 @@
-"""Streamed poses as a smooth motion.
+"""Streams of poses: irregular samples in, a smooth reference motion at every control step out.
 
-Samples come when they come; the motion is asked for at every control tick. ``sampling_clock.py`` says when each sample was
-taken, ``predictors.py`` where the target is now, and ``filter_state.py`` leads a motion with bounded speed, acceleration and
-jerk to it. A target that is hard to foretell is followed a part of a sample period late: interpolation is better than
-extrapolation then. How late follows from how wrong the predictions have been, so that a smooth target is followed
-without lag.
+``sampling_clock.py`` estimates when each sample was taken, ``predictors.py`` where the target is now, and
+``tracking_filter.py`` leads a motion with bounded speed, acceleration and jerk to it. An unpredictable target is
+followed with a delay of a fraction of a sample period, which turns extrapolation into interpolation. The delay follows
+from the errors of past predictions, so that a predictable target is followed without lag.
 """
 
 from __future__ import annotations
@@ -41,18 +40,18 @@ from ik_node.targets.stream.tracking_filter import (
 MAX_LATENCY_PERIODS: Pair = (0.9, 1.0)
 """Maximum smoothing delay [linear, angular] in sample periods, for unpredictable targets."""
 LOST_PERIODS = 4.0
-"""A gap longer than this many periods ends what the older samples say about the motion."""
+"""After a gap longer than this many periods, prediction starts anew."""
 LONGEST_TRANSPORT_S = 0.1
-"""A target is extrapolated over the time that its samples take to arrive for at most this."""
+"""Longest transport time that extrapolation compensates."""
 SHORTEST_JUDGED_S = 0.01
-"""Whether samples are a jump is judged as if they were at least this far apart: fast streams have noisy rates."""
+"""Smallest interval for the detection of jumps: the speeds of fast streams are noisy."""
 REPEATED = 0.5
-"""The same pose again within this part of a period is a duplicate, not a sample of a target at rest."""
+"""The same pose again within this fraction of a period is a duplicate, not a sample of a target at rest."""
 
 
 @dataclass
 class StreamSnapshot:
-    """Everything that the motion remembers. Values are immutable, so that a shallow copy is a snapshot."""
+    """State of :class:`StreamedPoses`; all values are immutable, so a shallow copy is a snapshot."""
 
     filter_state: PackedFilterState = field(default_factory=lambda: filter_state_from(RigidMotion(), 0))
     newest: StreamSample | None = None
@@ -69,7 +68,7 @@ class StreamSnapshot:
 
 
 class StreamedPoses:
-    """Samples of a pose in, T_sd(t) and V_d(t) out. All times are monotonic nanoseconds."""
+    """Samples of a pose in, T_sd(t) and V_d(t) out; times are monotonic nanoseconds."""
 
     def __init__(self, settings: TargetSettings, max_latency: Pair = MAX_LATENCY_PERIODS) -> None:
         """``max_latency``: maximum smoothing delay in sample periods [linear, angular]."""
@@ -78,42 +77,44 @@ class StreamedPoses:
         self.configure(settings)
 
     def configure(self, settings: TargetSettings) -> None:
-        """Other settings from now on; what has been learnt of the stream stays."""
-        self._pace = TrackingBounds(
-            *stream_bounds(settings),
-            settings.timeout_s,
-        )
-        self._update_arrays()
+        """Applies other settings; the estimates of the stream are kept."""
+        self._bounds = TrackingBounds(*stream_bounds(settings), settings.timeout_s)
+        self._pack_inputs()
 
     def capture(self) -> StreamSnapshot:
         """A snapshot, for :meth:`restore`."""
         return dataclasses.replace(self._state)
 
     def restore(self, snapshot: StreamSnapshot) -> None:
-        """Goes on from a snapshot, bit for bit."""
+        """Continues from a snapshot, bit for bit."""
         self._state = dataclasses.replace(snapshot)
-        self._update_arrays()
+        self._pack_inputs()
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """At rest at ``pose_sd`` (4, 4); every sample and figure is forgotten."""
+        """Starts at rest at ``pose_sd`` (4, 4) without samples and with all counters at zero."""
         x, y, z = pose_sd[:3, 3].tolist()
         self.take_over(resting((x, y, z), from_matrix(pose_sd)), time_ns)
 
     def take_over(self, motion: RigidMotion, time_ns: int) -> None:
-        """As :meth:`start`, from where another reference is, and as it moves."""
+        """Starts as :meth:`start` does, with the pose and the velocity of another reference."""
         self._state = StreamSnapshot(filter_state_from(motion, time_ns))
-        self._update_arrays()
+        self._pack_inputs()
 
     def rest_at(self, motion: RigidMotion, time_ns: int) -> None:
-        """Goes on following the same samples from somewhere else."""
+        """Keeps following the same samples, from another motion."""
         self._state.filter_state = moved_to(self._state.filter_state, motion, time_ns)
 
     def hold(self) -> None:
-        """Stops following: comes to rest within the bounds and stays there until :meth:`start`."""
+        """Stops following: comes to rest within the bounds until :meth:`start`."""
         self._state.held = True
 
     def add(self, pose_sd: Array, stamped: Stamped) -> None:
-        """One checked pose (4, 4) of the stream."""
+        """Adds a sample.
+
+        Args:
+            pose_sd: T_sd (4, 4), checked.
+            stamped: Its times.
+        """
         s = self._state
         s.samples += 1
         x, y, z = pose_sd[:3, 3].tolist()
@@ -147,13 +148,15 @@ class StreamedPoses:
         return sample.position == newest.position and length(turn) < 1e-9
 
     def _is_jump(self, newest: StreamSample, sample: StreamSample) -> bool:
-        """Faster than the reference may move: no motion that could be followed."""
+        """True if the reference may not move as fast as the samples do."""
         elapsed_s = max(
             (sample.time_ns - newest.time_ns) / NS, 0.5 * self._state.sampling_clock.period_s, SHORTEST_JUDGED_S
         )
         turn = to_rotation_vector(multiply(sample.orientation, conjugate(newest.orientation)))
         way = difference(sample.position, newest.position)
-        return length(way) > self._pace.linear.speed * elapsed_s or length(turn) > self._pace.angular.speed * elapsed_s
+        return (
+            length(way) > self._bounds.linear.speed * elapsed_s or length(turn) > self._bounds.angular.speed * elapsed_s
+        )
 
     def _begin(self, sample: StreamSample, on_arrival: bool) -> None:
         s = self._state
@@ -169,7 +172,7 @@ class StreamedPoses:
         s.bank = updated_bank(bank, sample.position, sample.orientation, (raw_s, regular_s), s.sampling_clock.period_s)
 
     def _update_curve(self, sample: StreamSample, on_arrival: bool) -> None:
-        """The curve about the newest sample, and how far behind it to run."""
+        """Updates the predicted curve and the latencies after a sample."""
         s = self._state
         bank, sampling_clock = s.bank, s.sampling_clock
         if bank is None:
@@ -189,32 +192,39 @@ class StreamedPoses:
         s.angular_latency = s.angular_latency.moving_to(
             target_latency(angular, self._max_latency[1] * sampling_clock.period_s), sample.received_ns
         )
-        self._update_arrays()
+        self._pack_inputs()
 
-    def _update_arrays(self) -> None:
-        """What a tick reads, after everything that changes it."""
+    def _pack_inputs(self) -> None:
+        """Packs the inputs of the tracking filter; called after every change of them."""
         s, prediction = self._state, NO_PREDICTION
         if s.newest is not None and s.curve is not None:
             prediction = TargetPrediction(
                 s.newest, s.curve, s.linear_latency, s.angular_latency, s.sampling_clock.period_s
             )
-        self._prediction_arrays = as_arrays(prediction, self._pace)
+        self._filter_inputs = as_arrays(prediction, self._bounds)
 
     def advance(self, time_ns: int, hold_s: float) -> Motion:
-        """The motion at ``time_ns`` and its mean twist over the ``hold_s`` that follow.
+        """The desired motion at a control step.
 
         Time never runs backwards: an earlier ``time_ns`` gives the present state again.
+
+        Args:
+            time_ns: Monotonic time of the step.
+            hold_s: Time for which the twist will be applied.
+
+        Returns:
+            T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
         """
         s = self._state
         follows = s.curve is not None and not s.held
         at_ns, numbers, schedule, pose_sd, twist_d = advanced_filter(
-            *s.filter_state, *self._prediction_arrays, follows, time_ns, hold_s
+            *s.filter_state, self._filter_inputs, follows, time_ns, hold_s
         )
         s.filter_state = PackedFilterState(at_ns, numbers, schedule)
         return Motion(pose_sd, twist_d)
 
     def motion(self) -> RigidMotion:
-        """The reference now."""
+        """The reference at the last control step."""
         return self._state.filter_state.motion
 
     @property
@@ -227,18 +237,18 @@ class StreamedPoses:
         return self._state.sampling_clock.period_s
 
     def silent_s(self, now_ns: int) -> float:
-        """Time since the last sample that was used arrived [s]; infinite before the first."""
+        """Time since the last accepted sample arrived [s]; infinite before the first."""
         newest = self._state.newest
         return (now_ns - newest.received_ns) / NS if newest else inf
 
     @property
     def ended(self) -> bool:
-        """The stream has been silent for longer than the time-out; the motion goes to, and stays at, its last pose."""
-        return self._pace.timeout_s < self.silent_s(self._state.filter_state.time_ns) < inf
+        """True if no sample arrived for longer than the time-out; the motion then ends at the last pose."""
+        return self._bounds.timeout_s < self.silent_s(self._state.filter_state.time_ns) < inf
 
     @property
     def jumped(self) -> bool:
-        """The target has jumped, and the motion is on its way to it."""
+        """True from a jump of the target until the motion has arrived."""
         return self._state.filter_state.jumped
 
     @property
@@ -249,28 +259,27 @@ class StreamedPoses:
 
     @property
     def latency_s(self) -> tuple[float, float]:
-        """How far behind the target position and orientation run on purpose [s]."""
+        """Present smoothing delay of position and orientation [s]."""
         s = self._state
-        return latency_at(s.linear_latency, s.filter_state.time_ns)[0], latency_at(
-            s.angular_latency, s.filter_state.time_ns
-        )[0]
+        time_ns = s.filter_state.time_ns
+        return latency_at(s.linear_latency, time_ns)[0], latency_at(s.angular_latency, time_ns)[0]
 
     @property
     def samples(self) -> int:
-        """Samples since the start, whatever became of them."""
+        """Number of samples since the start, including rejected ones."""
         return self._state.samples
 
     @property
     def duplicates(self) -> int:
-        """Samples that repeated the one before."""
+        """Number of samples that repeated the previous one."""
         return self._state.duplicates
 
     @property
     def reordered(self) -> int:
-        """Samples that came after a newer one; they are left out."""
+        """Number of samples that arrived after a newer one and were ignored."""
         return self._state.reordered
 
     @property
     def late(self) -> int:
-        """Samples that were longer on their way than is extrapolated over."""
+        """Number of samples whose transport time was too long to be compensated."""
         return self._state.late

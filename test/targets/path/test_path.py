@@ -598,7 +598,7 @@ def changed(index: int, **values: object) -> PathSample:
         (changed(7, frame="map"), "pose 7: unknown frame 'map'; valid: base"),
         (path_of(GOOD, TIMES, ROS_NS + 100 * NS), "it begins in 100 s; at most 60 s are accepted"),
         (path_of(GOOD * 1000, list(range(9000))), "a path of 9000 poses; at most 2000 are accepted"),
-        (path_of([GOOD[0]] * 3, [0.0] * 3), "poses that are all the same"),
+        (path_of([GOOD[0]] * 3, [0.0] * 3), "whose poses are all the same"),
         (trajectory_of([0.0]), "a path of 1 poses"),
         (trajectory_of([0.0, 1.0], twists=np.full((2, 6), np.nan)), "velocity of pose 0 is not finite"),
         (trajectory_of([0.0, 1.0], twists=np.full((2, 6), 50.0)), "pose 0 has a velocity above 10 m/s"),
@@ -623,7 +623,7 @@ def test_slightly_denormal_and_flipped_quaternions_are_put_right() -> None:
     assert np.abs(np.array(a) - np.array(b)).max() < 1e-12
 
 
-@pytest.mark.parametrize(("begin_s", "warning"), [(0, ""), (17, ""), (1_699_999_900, "in the past altogether")])
+@pytest.mark.parametrize(("begin_s", "warning"), [(0, ""), (17, ""), (1_699_999_900, "are in the past")])
 def test_stamps_of_the_past_only_say_how_long(begin_s: int, warning: str) -> None:
     """Those that count from 0 are meant so; dates that have gone by are remarked."""
     found = route(path_of(GOOD, TIMES, begin_s * NS))

@@ -125,7 +125,7 @@ def test_it_goes_no_further_than_the_arm() -> None:
     assert np.abs(way_slow - 0.25 * way_free).max() < 1e-9
 
 
-def test_a_tool_that_cannot_follow_holds_the_reference_on_a_leash() -> None:
+def test_the_reference_waits_for_a_tool_that_cannot_follow() -> None:
     run = Run()
     stuck = START.copy()
     for _ in range(1000):

@@ -24,7 +24,7 @@ from ik_node.replay.bitwise import replay
 bag = RecordingSource(sys.argv[1])
 compiled = warm_up(bag.robot(), bag.head.settings)
 before = compilation_count()
-ticks = replay(bag).ticks
+ticks = replay(bag).steps
 print(compiled, ticks, compilation_count() - before)
 """
 

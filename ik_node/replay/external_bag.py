@@ -217,9 +217,11 @@ class ExternalBag:
 
     def _at_its_rate(self, settings: Settings) -> Settings:
         topics = [topic for topic, (name, _) in self.used.items() if name == JOINT_STATES]
-        ours = set(self._robot.joints)
+        controlled = set(self._robot.joints)
         times = [
-            time_ns for _, (time_ns, data) in self._raw(topics) if topics and ours & set(decode_joint_state(data).names)
+            time_ns
+            for _, (time_ns, data) in self._raw(topics)
+            if topics and controlled & set(decode_joint_state(data).names)
         ]
         if len(times) < 2:
             return settings

@@ -147,7 +147,9 @@ def test_target_and_clearance_are_shown_while_they_are_known() -> None:
     markers.add_step(stopped_step(1, 7))
     viewer.take(markers.encode_markers(scene, at(1)))
     assert {ns for ns, _ in viewer.shown} == {"obstacles"}
-    markers.add_step(step_at(2, (0.0, 0.0, 0.0), clearance=float("inf"), closest_pair=(), closest_points=points * np.nan))
+    markers.add_step(
+        step_at(2, (0.0, 0.0, 0.0), clearance=float("inf"), closest_pair=(), closest_points=points * np.nan)
+    )
     viewer.take(markers.encode_markers(scene, at(2)))
     assert {ns for ns, _ in viewer.shown} == {"obstacles", "target"}
 

@@ -2,7 +2,7 @@
 """Sets up an environment of the project's own in .venv, with pinned versions, and runs something in it.
 
     python3 bootstrap.py demo [options of ik_demo]    node, simulated robot, trajectory, recording, report
-    python3 bootstrap.py test [options of pytest]     linters, type checks and tests
+    python3 bootstrap.py test [options of pytest]     linters, type checks and tests, on every core
     python3 bootstrap.py ik_report BAG ...            any executable of the project
 
 Needs Python 3.10 to 3.13 and nothing else. With a real ROS 2 Jazzy use colcon instead; the README shows how.
@@ -76,10 +76,11 @@ def set_up(requirements: list[Path]) -> None:
     stamp.write_text(digest)
 
 
-def run(*command: str) -> int:
-    """Runs an executable of the environment in the caller's folder; returns its exit code."""
+def run(*command: str, python_path: Path | None = None) -> int:
+    """Run an executable of the environment in the caller's folder; return its exit code."""
+    variables = environment() if python_path is None else {**environment(), "PYTHONPATH": str(python_path)}
     try:
-        return subprocess.run([str(BIN / command[0]), *command[1:]], env=environment(), check=False).returncode
+        return subprocess.run([str(BIN / command[0]), *command[1:]], env=variables, check=False).returncode
     except KeyboardInterrupt:  # the child got it too, and has had its time to end cleanly
         return 130
 
@@ -93,8 +94,10 @@ def test(options: list[str]) -> int:
         code = run(*check)
         if code:
             return code
-    print("$ pytest", *options, flush=True)
-    return run("pytest", *options)
+    # Before the caller's options, of which the last one counts: `-n 0` runs all of it in one process.
+    command = ("pytest", "-n", "auto", "--dist", "worksteal", *options)
+    print("$", *command, flush=True)
+    return run(*command)
 
 
 def main() -> int:
@@ -109,8 +112,8 @@ def main() -> int:
         sys.exit(f"error: setting up failed: {error}")
     if task == "test":
         return test(options)
-    if task == "ik_benchmark":  # not installed with the package: it stands in this checkout only
-        return run("python", "-c", "import sys; sys.path.insert(0, sys.argv.pop(1)); from benchmarks.__main__ import main; sys.exit(main())", str(ROOT), *options)
+    if task == "ik_benchmark":  # not installed: part of the checkout only
+        return run("python", "-m", "benchmarks", *options, python_path=ROOT)
     executable = "ik_demo" if task == "demo" else task
     if not (BIN / executable).exists():
         sys.exit(

@@ -18,18 +18,18 @@ from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 
 TOLERANCE = 1e-6
-"""On E."""
+"""Tolerance of E."""
 
 
-class Method(NamedTuple):
-    """A name as in the tables, and the step of a stack of problems: (J (k, 6, n), e (k, 6), E (k,)) -> (k, n)."""
+class SearchMethod(NamedTuple):
+    """Name in the tables, and step for k problems: (J (k, 6, n), e (k, 6), E (k,)) -> (k, n)."""
 
     name: str
     step: Callable[[Array, Array, Array], Array]
 
 
-class Outcome(NamedTuple):
-    """A row of their tables."""
+class SearchStatistics(NamedTuple):
+    """A row of the published tables."""
 
     mean_iterations: float
     median_iterations: float
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     mean_searches: float
     max_searches: int
     outside_percent: float
-    """Solutions outside the joint limits, where these were not refused."""
+    """Solutions outside the joint limits, where those are accepted."""
 
 
 def newton(jacobian: Array, error: Array, energy: Array) -> Array:
@@ -73,20 +73,20 @@ def damped(of_energy: Callable[[Array], Array]) -> Callable[[Array, Array, Array
     return step
 
 
-def levenberg_marquardt(kind: str, factor: float) -> Method:
-    """The three dampings of their tables: Wampler constant, Chan proportional to E, Sugihara E plus a constant."""
+def levenberg_marquardt(kind: str, factor: float) -> SearchMethod:
+    """Return a damping of the tables: Wampler constant, Chan proportional to E, Sugihara E plus a constant."""
     dampings: dict[str, Callable[[Array], Array]] = {
         "Wampler": lambda energy: np.full(len(energy), factor),
         "Chan": lambda energy: factor * energy,
         "Sugihara": lambda energy: energy + factor,
     }
-    return Method(f"LM {kind} {factor:g}", damped(dampings[kind]))
+    return SearchMethod(f"LM {kind} {factor:g}", damped(dampings[kind]))
 
 
 def run(
-    robot: Robot, method: Method, *, seed: int, problems: int, steps: int, searches: int, refuse_outside: bool
-) -> Outcome:
-    """The experiment with ``problems`` poses, at most ``steps`` + 1 steps a search and ``searches`` searches."""
+    robot: Robot, method: SearchMethod, *, seed: int, problems: int, steps: int, searches: int, refuse_outside: bool
+) -> SearchStatistics:
+    """Run the experiment with ``problems`` poses, at most ``steps`` + 1 steps per search and ``searches`` searches."""
     lower, upper = robot.limits.lower, robot.limits.upper
     # Their figures come from numpy's legacy generator; a RandomState of our own gives the same numbers.
     random = np.random.RandomState(seed)
@@ -119,7 +119,7 @@ def run(
         again = over[search[over] < searches]
         q[again] = starts[search[again]]
         active = active[~accepted & (search[active] < searches)]
-    return Outcome(
+    return SearchStatistics(
         float(total[solved].mean()),
         float(np.median(total[solved])),
         100.0 * float((~solved).mean()),
@@ -129,7 +129,7 @@ def run(
     )
 
 
-def _step(method: Method, jacobian: Array, error: Array, energy: Array) -> Array:
+def _step(method: SearchMethod, jacobian: Array, error: Array, energy: Array) -> Array:
     try:
         return method.step(jacobian, error, energy)
     except np.linalg.LinAlgError:
@@ -145,7 +145,7 @@ def _step(method: Method, jacobian: Array, error: Array, energy: Array) -> Array
 
 
 def _evaluate(robot: Robot, q: Array, goals: Array) -> tuple[Array, Array]:
-    """Jacobians (k, 6, n) and errors (k, 6) in base axes."""
+    """Return Jacobians (k, 6, n) and errors (k, 6) in base axes."""
     count = len(q)
     poses, jacobians = np.empty((count, 4, 4)), np.empty((count, 6, robot.n))
     for index in range(count):
@@ -157,7 +157,7 @@ def _evaluate(robot: Robot, q: Array, goals: Array) -> tuple[Array, Array]:
 
 
 def _rotation_vectors(rotations: Array) -> Array:
-    """Rotation vectors (k, 3) of matrices (k, 3, 3), by the formula of their code."""
+    """Return rotation vectors (k, 3) of matrices (k, 3, 3), by the formula of the published code."""
     r = rotations
     axis: Array = np.stack((r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]), axis=1)
     length: Array = np.sqrt(np.einsum("ki,ki->k", axis, axis))

@@ -1,4 +1,4 @@
-"""``ik_benchmark ik``: how many random poses inverse kinematics solves, in what time, beside published tables."""
+"""``ik_benchmark ik``: success rate and time of inverse kinematics on random poses, with published tables."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import haviland_corke
-from benchmarks.haviland_corke import Method, Outcome, levenberg_marquardt
-from benchmarks.published import HAVILAND_CORKE, TRAC_IK, Row, Table
+from benchmarks.haviland_corke import SearchMethod, SearchStatistics, levenberg_marquardt
+from benchmarks.published import HAVILAND_CORKE, TRAC_IK, PublishedRow, PublishedTable
 from ik_node.errors import InputError
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
-from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.robot import catalogue
 from ik_node.robot.robot import Robot
 
 TOLERANCE = 1e-6
-"""Of the poses, m and rad."""
+"""Tolerance of the poses, m and rad."""
 SEED = 1
 METHODS = {
     method.name: method
     for method in (
-        Method("NR", haviland_corke.newton),
-        Method("GN", haviland_corke.gauss_newton),
-        Method("NR pinv", haviland_corke.newton_pinv),
-        Method("GN pinv", haviland_corke.gauss_newton_pinv),
+        SearchMethod("NR", haviland_corke.newton),
+        SearchMethod("GN", haviland_corke.gauss_newton),
+        SearchMethod("NR pinv", haviland_corke.newton_pinv),
+        SearchMethod("GN pinv", haviland_corke.gauss_newton_pinv),
         levenberg_marquardt("Wampler", 1e-4),
         levenberg_marquardt("Wampler", 1e-6),
         levenberg_marquardt("Chan", 1.0),
@@ -40,7 +40,7 @@ METHODS = {
 
 
 class ReachResult(NamedTuple):
-    """What :func:`reach` measured."""
+    """Result of :func:`reach`."""
 
     robot: str
     problems: int
@@ -52,28 +52,31 @@ class ReachResult(NamedTuple):
     mean_iterations: float
     max_iterations: int
     first_start_percent: float
-    """Solved by the search from the middle of the range."""
+    """Poses solved by the first search, from the middle of the range."""
     outside_limits: int
-    """Answers outside the joint limits."""
+    """Solutions outside the joint limits."""
     false_claims: int
-    """Answers called converged whose pose is not within the tolerance."""
+    """Solutions reported as converged whose pose is not within the tolerance."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of this part."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_benchmark ik", description=__doc__)
     result.add_argument("--problems", type=int, default=10_000, help="poses per robot and method [%(default)s]")
     result.add_argument("--robots", nargs="+", default=list(TRAC_IK), help="for the first table [%(default)s]")
     result.add_argument("--only", choices=("reach", "haviland-corke"), help="one half of it")
+    tables = sorted({table.robot for table in HAVILAND_CORKE})
+    result.add_argument("--tables", nargs="+", choices=tables, default=tables, help="robots of the second table")
+    result.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="of the second table")
     result.add_argument(
         "--draws", type=int, default=5, help="other random draws, for the spread of Haviland and Corke's experiment [5]"
     )
-    result.add_argument("--json", action="store_true", help="figures for machines")
+    result.add_argument("--json", action="store_true", help="print JSON")
     return result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measures and prints; 0 unless a claim of convergence was false or an answer outside the limits."""
+    """Measure and print; return 1 when a reported convergence is false or a solution is outside the limits."""
     options = parser().parse_args(arguments)
     if options.problems < 1 or options.draws < 0:
         raise InputError(f"--problems is {options.problems}, --draws {options.draws}; expected >= 1 and >= 0")
@@ -81,22 +84,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     honest = True
     if options.only != "haviland-corke":
         results = []
-        _say(options, _reach_head())
+        _print(options, _reach_head())
         for name in options.robots:
             results.append(reach(name, options.problems))
-            _say(options, _reach_row(results[-1]))
-        _say(options, _REACH_FOOT)
+            _print(options, _reach_row(results[-1]))
+        _print(options, _REACH_FOOT)
         honest = all(result.outside_limits == result.false_claims == 0 for result in results)
         document["reach"] = [result._asdict() for result in results]
     if options.only != "reach":
-        document["haviland_corke"] = [_haviland_corke(table, options) for table in HAVILAND_CORKE]
+        document["haviland_corke"] = [
+            _haviland_corke(table, options) for table in HAVILAND_CORKE if table.robot in options.tables
+        ]
     if options.json:
         print(json.dumps(document, indent=1))
     return 0 if honest else 1
 
 
 def reach(name: str, problems: int) -> ReachResult:
-    """Random poses of the robot ``name``: q uniform in the limits, its pose the problem, one after the other."""
+    """Solve random poses of the robot ``name``: poses at q drawn uniformly within the limits."""
     arm = catalogue.find(name)
     robot = Robot(catalogue.read_urdf(arm), arm.base_frame, arm.tip_frame)
     solver = PoseSolver(robot, eps_omega=TOLERANCE, eps_v=TOLERANCE)
@@ -120,8 +125,8 @@ def reach(name: str, problems: int) -> ReachResult:
     )  # fmt: skip
 
 
-def _reached(pose: se3.Array, wanted: se3.Array) -> bool:
-    """By distance and angle, without the logarithm that the solver uses; 1 % is for what these differ by."""
+def _reached(pose: Array, wanted: Array) -> bool:
+    """Compare by distance and angle, without the logarithm of the solver; 1 % covers the difference."""
     turn = pose[:3, :3].T @ wanted[:3, :3]
     sine = 0.5 * np.linalg.norm((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
     angle = np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0))
@@ -157,10 +162,10 @@ outside: answers outside the joint limits. false: answers called converged that 
 """
 
 
-def _haviland_corke(table: Table, options: argparse.Namespace) -> dict[str, Any]:
+def _haviland_corke(table: PublishedTable, options: argparse.Namespace) -> dict[str, Any]:
     arm = catalogue.find(table.robot)
     robot = Robot(catalogue.read_urdf(arm), arm.base_frame, arm.tip_frame)
-    _say(
+    _print(
         options,
         f"\nHaviland and Corke, {table.title}; ours | published,\nand where the published mean lies among our draw "
         f"and {options.draws} others of a quarter the size\n\n{'method':<20}{'mean iter.':>16}{'median':>11}"
@@ -168,24 +173,26 @@ def _haviland_corke(table: Table, options: argparse.Namespace) -> dict[str, Any]
     )
     rows = []
     for row in table.rows:
+        if row.method not in options.methods:
+            continue
         method = METHODS[row.method]
         ours = _run(robot, method, table, table.seed, options.problems)
         seeds = range(table.seed + 1, table.seed + 1 + options.draws)
         others = [_run(robot, method, table, seed, max(1, options.problems // 4)) for seed in seeds]
         means = [other.mean_iterations for other in (ours, *others)]
-        _say(options, _comparison(ours, row, means))
+        _print(options, _comparison(ours, row, means))
         rows.append({"method": row.method, "ours": ours._asdict(), "published": row._asdict(), "draws": means})
-    return {"table": table.title, "rows": rows}
+    return {"table": table.title, "robot": table.robot, "rows": rows}
 
 
-def _run(robot: Robot, method: Method, table: Table, seed: int, problems: int) -> Outcome:
+def _run(robot: Robot, method: SearchMethod, table: PublishedTable, seed: int, problems: int) -> SearchStatistics:
     return haviland_corke.run(
         robot, method, seed=seed, problems=problems, steps=table.steps, searches=table.searches,
         refuse_outside=table.refuse_outside,
     )  # fmt: skip
 
 
-def _comparison(ours: Outcome, row: Row, means: list[float]) -> str:
+def _comparison(ours: SearchStatistics, row: PublishedRow, means: list[float]) -> str:
     middle, spread = float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else 0.0
     where = f"{(row.mean_iterations - middle) / spread:+.1f} sd" if spread > 0.0 else "-"
     if round(ours.mean_iterations, 2) == row.mean_iterations:
@@ -200,6 +207,6 @@ def _comparison(ours: Outcome, row: Row, means: list[float]) -> str:
     )
 
 
-def _say(options: argparse.Namespace, text: str) -> None:
+def _print(options: argparse.Namespace, text: str) -> None:
     if not options.json:
         print(text, flush=True)

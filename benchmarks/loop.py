@@ -1,5 +1,4 @@
-"""The node's tick in the smallest closed loop: a target known exactly, an ideal arm. Shared by the benchmarks of limits
-and obstacles, and by their tests. Everything is an argument; nothing here reads a clock."""
+"""The control step of the node in a minimal closed loop: a target known exactly and an ideal arm, in simulated time."""
 
 from __future__ import annotations
 
@@ -12,8 +11,8 @@ import numpy as np
 from ik_node.control.feedback import twist_feedback
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import resolve
-from ik_node.differential_ik.solution import Moment, Outcome
-from ik_node.differential_ik.solver import NOTHING_SEEN, TickSolver
+from ik_node.differential_ik.solution import ArmState, DifferentialIkSolution
+from ik_node.differential_ik.solver import NO_PAIR, DifferentialIkSolver
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Motion
 from ik_node.math import se3
@@ -28,35 +27,35 @@ ROW_SCALE = np.repeat((1.0, LENGTH), 3)
 CONTROL = ControlSettings()
 
 
-class Target(Protocol):
-    """A pose for every time."""
+class PoseTarget(Protocol):
+    """A pose as a function of time."""
 
     def pose(self, time_s: float) -> Array:
         """T_sd, (4, 4)."""
 
 
-Way = Callable[[Moment, Array], Outcome]
-"""(arm, V) -> what is commanded, as :meth:`TickSolver.follow_twist`; may keep a state of its own."""
+TwistSolver = Callable[[ArmState, Array], DifferentialIkSolution]
+"""(arm state, V) -> solution, as :meth:`DifferentialIkSolver.solve_twist`; may have internal state."""
 
 
 def settings_of(acceleration: tuple[float, ...], values: Mapping[str, Any] = MappingProxyType({})) -> Settings:
-    """The defaults at 500 Hz with these accelerations and other parameters; self-collision is not watched."""
+    """Return default settings at 500 Hz without self-collision, with these accelerations and other ``values``."""
     chosen = {"rate_hz": 1.0 / PERIOD_S, "obstacles.self_collision": False, "limits.acceleration": acceleration}
     return Settings().with_values({**chosen, **values})
 
 
-def ours(robot: Robot, settings: Settings) -> Way:
-    """The tick of the node."""
-    return TickSolver(robot, settings).follow_twist
+def ours(robot: Robot, settings: Settings) -> TwistSolver:
+    """Solver of the node."""
+    return DifferentialIkSolver(robot, settings).solve_twist
 
 
-def exact(robot: Robot, settings: Settings) -> Way:
-    """The first prototype: V as it is, slowed down by the limits alone."""
-    return _unpassed(robot, settings, lambda jacobian, twist: (jacobian, twist))
+def exact(robot: Robot, settings: Settings) -> TwistSolver:
+    """First prototype: V is only scaled by the limits; singularities are not treated."""
+    return _without_regulation(robot, settings, lambda jacobian, twist: (jacobian, twist))
 
 
-def faded(robot: Robot, settings: Settings) -> Way:
-    """The second prototype: directions fade out below 0.05 m, whatever they would have cost."""
+def faded(robot: Robot, settings: Settings) -> TwistSolver:
+    """Second prototype: singular directions below 0.05 m are faded out."""
 
     def fade(jacobian: Array, twist: Array) -> tuple[Array, Array]:
         u, sigma, rows = np.linalg.svd(ROW_SCALE[:, None] * jacobian, full_matrices=False)
@@ -64,34 +63,38 @@ def faded(robot: Robot, settings: Settings) -> Way:
         safe = ((u * np.maximum(sigma, 1e-6)) @ rows) / ROW_SCALE[:, None]
         return safe, safe @ wanted.task_velocity
 
-    return _unpassed(robot, settings, fade)
+    return _without_regulation(robot, settings, fade)
 
 
-def _unpassed(robot: Robot, settings: Settings, ask: Callable[[Array, Array], tuple[Array, Array]]) -> Way:
-    """The bounded problem of what ``ask`` makes of J and V, without the node's passage of singularities."""
+def _without_regulation(
+    robot: Robot, settings: Settings, modify: Callable[[Array, Array], tuple[Array, Array]]
+) -> TwistSolver:
+    """Solver under limits for the J and V that ``modify`` returns, without regulation of singularities."""
     limits = motion_limits(robot, settings.limits, settings.control.rate_hz)
     nothing, unknown = np.zeros(6), np.full(6, np.nan)
 
-    def way(moment: Moment, twist_b: Array) -> Outcome:
-        bounds = joint_bounds(limits, moment.q, moment.previous, moment.elapsed_s)
-        jacobian = robot.evaluate(moment.q_middle).jacobian_b
-        answer = constrained.solve(*ask(jacobian, twist_b), bounds.lo, bounds.hi, row_scale=ROW_SCALE)
+    def way(arm_state: ArmState, twist_b: Array) -> DifferentialIkSolution:
+        bounds = joint_bounds(limits, arm_state.q, arm_state.previous, arm_state.elapsed_s)
+        jacobian = robot.evaluate(arm_state.q_middle).jacobian_b
+        answer = constrained.solve(*modify(jacobian, twist_b), bounds.lo, bounds.hi, row_scale=ROW_SCALE)
         sigma = np.asarray(np.linalg.svd(ROW_SCALE[:, None] * jacobian, compute_uv=False))
-        return Outcome(answer.joint_velocity, answer.scale, 1.0, nothing, unknown, unknown, sigma, (), (), NOTHING_SEEN)
+        return DifferentialIkSolution(
+            answer.joint_velocity, answer.task_scale, 1.0, nothing, unknown, unknown, sigma, (), (), NO_PAIR
+        )
 
     return way
 
 
-class Run(NamedTuple):
-    """What happened, one row per tick."""
+class LoopRun(NamedTuple):
+    """A run of k control steps; one row per step."""
 
     time_s: Array
     q: Array
     qd: Array
     pose: Array
-    """Tool poses, (ticks, 4, 4)."""
-    pace: Array
-    """s of the Step: the part of V that was done."""
+    """Tool poses, (k, 4, 4)."""
+    task_scale: Array
+    """s, (k,)."""
     sigma: Array
     error_m: Array
     error_rad: Array
@@ -99,14 +102,14 @@ class Run(NamedTuple):
 
 def follow(
     robot: Robot,
-    target: Target,
+    target: PoseTarget,
     q: Array,
-    way: Way,
+    way: TwistSolver,
     duration_s: float,
     control: ControlSettings = CONTROL,
-    seen: Callable[[Moment], None] = lambda moment: None,
-) -> Run:
-    """Follows ``target`` from rest at ``q`` with an ideal arm at 500 Hz; ``seen`` is told of every tick first."""
+    observe: Callable[[ArmState], None] = lambda arm_state: None,
+) -> LoopRun:
+    """Follow ``target`` from rest at ``q`` with an ideal arm at 500 Hz; ``observe`` is called before every step."""
     q, qd = q.copy(), np.zeros(robot.n)
     rows = []
     for tick in range(round(duration_s / PERIOD_S)):
@@ -114,19 +117,19 @@ def follow(
         pose_sd = target.pose(time_s)
         twist_d = se3.log(se3.inverse(pose_sd) @ target.pose(time_s + PERIOD_S)) / PERIOD_S
         pose_sb = robot.pose(q)
-        law = twist_feedback(pose_sb, Motion(pose_sd, twist_d), control)
-        moment = Moment(q, q + 0.5 * PERIOD_S * qd, qd, PERIOD_S, round(time_s * NS))
-        seen(moment)
-        outcome = way(moment, law.twist_b)
-        qd, error = outcome.joint_velocity, law.error_b
+        feedback = twist_feedback(pose_sb, Motion(pose_sd, twist_d), control)
+        arm_state = ArmState(q, q + 0.5 * PERIOD_S * qd, qd, PERIOD_S, round(time_s * NS))
+        observe(arm_state)
+        solution = way(arm_state, feedback.twist_b)
+        qd, error = solution.joint_velocity, feedback.error_b
         lengths = (float(np.sqrt(e @ e)) for e in (error[:3], error[3:]))
-        rows.append((time_s, q, qd, pose_sb, outcome.scale, outcome.singular_values[-1], *lengths))
+        rows.append((time_s, q, qd, pose_sb, solution.task_scale, solution.singular_values[-1], *lengths))
         q = q + PERIOD_S * qd
-    return Run(*(np.array(column) for column in zip(*rows, strict=True)))
+    return LoopRun(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def sign_changes(qd: Array, least: float = 0.02) -> int:
-    """How often the joint that does it most turns round, rests and motions below ``least`` rad/s not counted."""
+    """Return the largest number of sign changes of a joint velocity; speeds below ``least`` rad/s do not count."""
     most = 0
     for column in qd.T:
         moving = np.sign(column[np.abs(column) > least])
@@ -134,8 +137,8 @@ def sign_changes(qd: Array, least: float = 0.02) -> int:
     return most
 
 
-def path_error(target: Target, duration_s: float, poses: Array) -> tuple[float, float]:
-    """Largest distance of ``poses`` (k, 4, 4) from the geometric path, whatever the time: m, rad."""
+def path_error(target: PoseTarget, duration_s: float, poses: Array) -> tuple[float, float]:
+    """Return the largest distance of ``poses`` (k, 4, 4) from the geometric path, m and rad."""
     path = np.array([target.pose(time_s) for time_s in np.linspace(0.0, duration_s, 1500)])
     worst = np.zeros(2)
     for pose in poses:

@@ -1,4 +1,4 @@
-"""Controller, simulated arm and recording in one process at real time: what a tick costs, and how late it begins."""
+"""Controller, simulated arm and recording in one process in real time: duration and lateness of control steps."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from ik_node.trajectory.shapes import figure_of_eight
 
 START = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
 TARGET_RATE_HZ = 50.0
-LINGER_S = 2e-4
-"""The end of each wait is spent awake: sleeping is not exact."""
+BUSY_WAIT_S = 2e-4
+"""Part of each wait that is spent in a busy loop, because sleep is not exact."""
 
 
-class Times(NamedTuple):
-    """Of every tick, us."""
+class StepTimes(NamedTuple):
+    """Times of every control step, us."""
 
     tick: Array
-    """From the joint state's bytes to the bytes of all messages."""
+    """From the bytes of the joint state to the bytes of all messages."""
     cycle: Array
-    """The same with recording."""
+    """The same including recording."""
     late: Array
-    """From when a tick was due to when it began."""
+    """Delay of the start."""
 
 
-class PacedLoop:
-    """A Panda on a figure of eight; goes on where it was at every :meth:`run`."""
+class RealTimeLoop:
+    """A Panda on a figure of eight; every :meth:`run` continues the motion."""
 
     def __init__(self, rate_hz: float) -> None:
         self.settings = Settings().with_values({"rate_hz": rate_hz, "robot": "panda"})
@@ -65,14 +65,16 @@ class PacedLoop:
     def setup(self) -> RunSetup:
         """Description of the run for a recording that starts now."""
         controller = self.controller
-        return run_setup("/ik_node", self.robot, self.settings, {}, controller.capture(), controller.collision_monitor.digest)
+        return run_setup(
+            "/ik_node", self.robot, self.settings, {}, controller.capture(), controller.collision_monitor.digest
+        )
 
     def now(self) -> Instant:
-        """The clocks."""
+        """Read the clocks."""
         return Instant(time.monotonic_ns(), time.time_ns())
 
-    def run(self, duration_s: float, recording: RunRecording | None) -> Times:
-        """Ticks at the rate."""
+    def run(self, duration_s: float, recording: RunRecording | None) -> StepTimes:
+        """Run control steps at the rate for ``duration_s``."""
         count = max(1, round(duration_s * NS / self._period_ns))
         tick, cycle, late = np.empty(count), np.empty(count), np.empty(count)
         self._calls.recording = recording
@@ -87,7 +89,7 @@ class PacedLoop:
                 due_ns = max(due_ns + self._period_ns, time.monotonic_ns())
         finally:
             gc.enable()
-        return Times(tick, cycle, late)
+        return StepTimes(tick, cycle, late)
 
     def _cycle(self) -> tuple[float, float]:
         now = self.now()
@@ -99,7 +101,7 @@ class PacedLoop:
         return (self._sent_ns - begin_ns) / 1e3, (time.perf_counter_ns() - begin_ns) / 1e3
 
     def _send(self, step: Step) -> list[Outgoing]:
-        """Passes the command to the arm and encodes the other messages."""
+        """Pass the command to the arm and encode the other messages."""
         command = Outgoing(encode.COMMANDS, self._outputs.command(step))
         self._arm.command(step.joint_velocity, step.now.monotonic_ns)
         outgoing = [command, *self._outputs.others(step)]
@@ -119,8 +121,8 @@ class PacedLoop:
 
 def _wait_until(due_ns: int) -> None:
     left_s = (due_ns - time.monotonic_ns()) / NS
-    if left_s > LINGER_S:
-        time.sleep(left_s - LINGER_S)
+    if left_s > BUSY_WAIT_S:
+        time.sleep(left_s - BUSY_WAIT_S)
     while time.monotonic_ns() < due_ns:
         pass
 
@@ -129,18 +131,20 @@ def _wait_until(due_ns: int) -> None:
 
 
 class ProcessRecorder:
-    """As :class:`ik_node.recording.mcap.writer.Recorder`, but the file is written by another process behind a pipe.
+    """A :class:`ik_node.recording.mcap.writer.Recorder` whose file is written by another process behind a pipe.
 
     Here to be measured beside the thread. It does not split, and counts nothing but what the pipe did not take.
     """
 
     BATCH = 16
-    """Messages that go through the pipe at once."""
+    """Messages per transfer through the pipe."""
 
     def __init__(self, directory: Path, options: RecorderOptions | None, custom: dict[str, str]) -> None:
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_write_elsewhere, args=(theirs, directory, options, custom), daemon=True)
+        self._process = context.Process(
+            target=_write_in_process, args=(theirs, directory, options, custom), daemon=True
+        )
         self._process.start()
         self._pipe.recv()
         self._batch: list[tuple[int, bytes, int, int, int]] = []
@@ -151,13 +155,13 @@ class ProcessRecorder:
         self.split_due = False
 
     def channel(self, topic: str, type_name: str, qos: Qos | None = None) -> int:
-        """As the thread's."""
+        """As in :class:`Recorder`."""
         self._pipe.send((topic, type_name, qos))
         self._channels += 1
         return self._channels
 
     def write(self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int = 0, sequence: int = 0) -> bool:
-        """As the thread's."""
+        """As in :class:`Recorder`."""
         self._batch.append((channel, data, log_time_ns, publish_time_ns, sequence))
         if len(self._batch) >= self.BATCH:
             self._pipe.send(self._batch)
@@ -165,21 +169,21 @@ class ProcessRecorder:
         return True
 
     def split(self) -> None:
-        """Not done."""
+        """Do nothing."""
 
     def end(self) -> None:
-        """As the thread's, but for waiting."""
+        """As in :class:`Recorder`, without waiting."""
         self.close()
 
     def close(self) -> None:
-        """As the thread's."""
+        """As in :class:`Recorder`."""
         if self._process.is_alive():
             self._pipe.send(self._batch)
             self._pipe.send(None)
             self._process.join(20.0)
 
 
-def _write_elsewhere(
+def _write_in_process(
     pipe: Connection, directory: Path, options: RecorderOptions | None, custom: dict[str, str]
 ) -> None:
     recorder = Recorder(directory, options, custom)
@@ -193,7 +197,7 @@ def _write_elsewhere(
     recorder.close()
 
 
-class ElsewhereRecording(RunRecording):
+class ProcessRecording(RunRecording):
     """A run recorded by another process."""
 
     def _make_recorder(self, directory: Path, options: RecorderOptions | None, custom: dict[str, str]) -> Any:

@@ -1,4 +1,4 @@
-"""``ik_benchmark recording``: what recording costs the control loop, what a kill costs the recording, a long run."""
+"""``ik_benchmark recording``: cost of recording for the control loop, loss by a kill, a long run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.real_time_loop import ElsewhereRecording, PacedLoop, Times
+from benchmarks.real_time_loop import ProcessRecording, RealTimeLoop, StepTimes
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.recording.mcap.reader import Recording
@@ -34,20 +34,22 @@ SHARES = (50, 90, 99, 99.9, 100)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of this part."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_benchmark recording", description=__doc__)
-    result.add_argument("--only", choices=("cost", "kills", "long"), help="one part of it")
-    result.add_argument("--rate", type=float, default=1000.0, help="ticks per second [%(default)s]")
-    result.add_argument("--seconds", type=float, default=5.0, help="of each stretch of the first part [%(default)s]")
-    result.add_argument("--rounds", type=int, default=6, help="stretches of each kind [%(default)s]")
-    result.add_argument("--kills", type=int, default=20, help="of the node while it records [%(default)s]")
-    result.add_argument("--minutes", type=float, default=5.0, help="of the long run of the node [%(default)s]")
-    result.add_argument("--json", action="store_true", help="figures for machines")
+    result.add_argument("--only", choices=("cost", "kills", "long"), help="one part [all]")
+    result.add_argument("--rate", type=float, default=1000.0, help="control rate, Hz [%(default)s]")
+    result.add_argument(
+        "--seconds", type=float, default=5.0, help="duration of each run of the first part, s [%(default)s]"
+    )
+    result.add_argument("--rounds", type=int, default=6, help="runs of each kind [%(default)s]")
+    result.add_argument("--kills", type=int, default=20, help="number of kills [%(default)s]")
+    result.add_argument("--minutes", type=float, default=5.0, help="duration of the long run [%(default)s]")
+    result.add_argument("--json", action="store_true", help="print JSON")
     return result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measures and prints; 0 unless messages were left out, or a kill cost more than it may."""
+    """Measure and print; return 1 when messages were dropped or a kill lost more than allowed."""
     options = parser().parse_args(arguments)
     document: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as scratch:
@@ -68,15 +70,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def cost(folder: Path, rate_hz: float, seconds: float, rounds: int) -> list[dict[str, Any]]:
-    """Ticks without recording, with the thread and with a process, in turns on one loop: all see the same machine."""
-    loop = PacedLoop(rate_hz)
+    """Time control steps without recording, with a writer thread and with a writer process, alternately in one loop."""
+    loop = RealTimeLoop(rate_hz)
     loop.run(2.0, None)
-    found: dict[str, list[Times]] = {mode: [] for mode in MODES}
+    found: dict[str, list[StepTimes]] = {mode: [] for mode in MODES}
     sizes, dropped = dict.fromkeys(MODES, 0), dict.fromkeys(MODES, 0)
     for number in range(rounds):
         for mode in MODES if number % 2 == 0 else MODES[::-1]:
             directory = folder / f"{mode}{number}"
-            kind = {"thread": RunRecording, "process": ElsewhereRecording}.get(mode)
+            kind = {"thread": RunRecording, "process": ProcessRecording}.get(mode)
             recording = None if kind is None else kind(directory, loop.setup(), loop.now())
             found[mode].append(loop.run(seconds, recording))
             if recording is not None:
@@ -125,7 +127,7 @@ def _process(module: str, arguments: Sequence[str], log: Path) -> Iterator[subpr
 
 
 def kills(folder: Path, count: int) -> dict[str, Any]:
-    """The node killed at random moments while it records a simulated arm at 500 Hz, repaired and replayed."""
+    """Kill the node at random times while it records a simulated arm at 500 Hz; repair and replay the recordings."""
     draw = random.Random(1)
     losses, repaired = [], 0
     arm = ["--ros-args", "-p", "robot:=panda", "-p", "rate_hz:=500.0", "-r", "commands:=/ik_node/commands"]
@@ -165,7 +167,7 @@ def _filled(directory: Path) -> list[Any]:
 
 
 def long_run(folder: Path, rate_hz: float, minutes: float) -> dict[str, Any]:
-    """The demonstration over DDS, for minutes; the node's memory is looked at from outside."""
+    """Run the demonstration over DDS for minutes and measure the memory of the node."""
     poses, out = folder / "poses.csv", folder / "long"
     duration_s = 60.0 * minutes
     with poses.open("w", newline="", encoding="utf-8") as file:
@@ -201,7 +203,7 @@ def long_run(folder: Path, rate_hz: float, minutes: float) -> dict[str, Any]:
 
 
 def _child(parent: int, module: str) -> int:
-    """The process that runs ``module`` for ``parent``; 0 where there is none."""
+    """Return the process id of the child of ``parent`` that runs ``module``; 0 when there is none."""
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             stat = (entry / "stat").read_text().rpartition(")")[2].split()

@@ -1,4 +1,4 @@
-"""``ik_benchmark replay``: runs of the node with every method, replayed bit for bit, and how fast."""
+"""``ik_benchmark replay``: runs of the node with every method, replayed bit for bit, and the speed of replay."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ ROBOTS = ("panda", "ur5")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of this part."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_benchmark replay", description=__doc__)
     result.add_argument("--robots", nargs="+", default=list(ROBOTS), help="[%(default)s]")
     result.add_argument("--methods", nargs="+", default=list(METHOD_NAMES), help="[%(default)s]")
-    result.add_argument("--seconds", type=float, default=60.0, help="of each run [%(default)s]")
-    result.add_argument("--rate", type=float, default=500.0, help="ticks per second [%(default)s]")
+    result.add_argument("--seconds", type=float, default=60.0, help="duration of each run, s [%(default)s]")
+    result.add_argument("--rate", type=float, default=500.0, help="control rate, Hz [%(default)s]")
     result.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node")
-    result.add_argument("--keep", type=Path, help="folder for the recordings; those that are there are not made again")
-    result.add_argument("--jobs", type=int, default=os.cpu_count(), help="for the what-if runs [%(default)s]")
-    result.add_argument("--json", action="store_true", help="figures for machines")
+    result.add_argument("--keep", type=Path, help="folder of the recordings; existing ones are reused")
+    result.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes of the what-if runs [%(default)s]")
+    result.add_argument("--json", action="store_true", help="print JSON")
     return result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Records, replays and prints; 0 when every run came out with the same bits."""
+    """Record, replay and print; return 0 when every run gives the same bits."""
     options = parser().parse_args(arguments)
     found: list[dict[str, Any]] = []
     fetched_s = 0.0
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def record(out: Path, robot: str, method: str, options: argparse.Namespace) -> None:
-    """A run of the node over DDS."""
+    """Record a run of the node over DDS."""
     with tempfile.TemporaryDirectory() as scratch:
         poses = Path(scratch, "poses.csv")
         _write_poses(poses, options.seconds)
@@ -98,7 +98,7 @@ def _write_poses(path: Path, seconds: float) -> None:
 
 
 def fetch(bag: Path) -> float:
-    """Seconds until what is compiled is there."""
+    """Load the machine code; return the time that takes, s."""
     begin = time.perf_counter()
     recorded = RecordingSource(bag)
     warm_up(recorded.robot(), recorded.head.settings)
@@ -106,7 +106,7 @@ def fetch(bag: Path) -> float:
 
 
 def replayed(bag: Path) -> dict[str, Any]:
-    """One recording through the controller, and the processor time that it took."""
+    """Replay one recording and measure the processor time."""
     wall, begin = time.perf_counter(), time.process_time()
     found = replay(RecordingSource(bag))
     took_s, wall_s = time.process_time() - begin, time.perf_counter() - wall
@@ -122,7 +122,7 @@ def replayed(bag: Path) -> dict[str, Any]:
 
 
 def what_if(bag: Path, jobs: int) -> dict[str, Any]:
-    """All methods on one recording, on several processes."""
+    """Run all methods on one recording in several processes."""
     opened = partial(RecordingSource, bag)
     wanted = (RECORDED, *make_variants(opened().initial_settings, ["all"], {}))
     truth = ground_truth_of(bag, "")

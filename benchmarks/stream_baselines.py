@@ -1,6 +1,6 @@
-"""Other ways to follow streamed poses, to compare with: each takes samples and is asked for a motion at every tick.
+"""Baselines for following streamed poses: each takes samples and returns a motion per control step.
 
-The tool is ideal: it does what it is told. Each therefore keeps the tool's pose itself.
+The tool is ideal, so each follower integrates the tool pose itself.
 """
 
 from __future__ import annotations
@@ -16,45 +16,46 @@ from ik_node.math.quaternion import (
     conjugate,
     difference,
     from_matrix,
-    from_vector,
+    from_rotation_vector,
     length,
     multiply,
     normalised,
-    to_vector,
+    to_rotation_vector,
 )
 from ik_node.math.types import Array
 from ik_node.settings.groups import TargetSettings
+from ik_node.targets.bounds import stream_bounds
 from ik_node.targets.jerk_limited_filter import (
-    Bounds,
     Jerk,
     RigidMotion,
-    chase,
+    cascade_jerk,
+    integrate,
     mean_twist,
-    move,
     orientation_error,
-    pose_of,
+    pose_matrix,
 )
 from ik_node.targets.stream.extrapolation import resting
-from ik_node.targets.stream.sampling_clock import Cadence, followed, restarted
+from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
+from ik_node.targets.stream.tracking_filter import BANDWIDTH, MAX_BANDWIDTH
 
 
 class Follower(Protocol):
-    """What :mod:`benchmarks.streams` runs; ``StreamedPoses`` is one."""
+    """A follower of streamed poses; :class:`ik_node.targets.stream.stream.StreamedPoses` is one."""
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """At rest at ``pose_sd``."""
+        """Start at rest at ``pose_sd``."""
 
     def add(self, pose_sd: Array, stamped: Stamped) -> None:
-        """One sample."""
+        """Take one sample."""
 
     def advance(self, time_ns: int, hold_s: float) -> Motion:
-        """The motion at ``time_ns``, and the mean twist that is commanded for ``hold_s``."""
+        """Return the motion at ``time_ns`` with the mean twist that is commanded for ``hold_s``."""
 
 
 class Proportional:
     """P control on the newest sample, held until the next: velocity = gain times error, without feed-forward.
 
-    With ``gain = 1 / tick`` and speed bounds it is the rule "the whole error in one period, clipped".
+    With ``gain = 1 / period`` and speed bounds it is the rule "whole error in one period, clipped".
     """
 
     def __init__(self, gain: float, max_linear: float = float("inf"), max_angular: float = float("inf")) -> None:
@@ -62,35 +63,35 @@ class Proportional:
         self._max_linear, self._max_angular = max_linear, max_angular
         self._tool = RigidMotion()
         self._goal: tuple[Vector, Quaternion] = (ZERO, (1.0, 0.0, 0.0, 0.0))
-        self._promised = self._tool
+        self._next = self._tool
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """At rest at ``pose_sd``."""
+        """Start at rest at ``pose_sd``."""
         x, y, z = pose_sd[:3, 3].tolist()
-        self._tool = self._promised = resting((x, y, z), from_matrix(pose_sd))
+        self._tool = self._next = resting((x, y, z), from_matrix(pose_sd))
         self._goal = (self._tool.position, self._tool.orientation)
 
     def add(self, pose_sd: Array, stamped: Stamped) -> None:
-        """The newest arrival counts, whatever its stamp."""
+        """Take the sample; its stamp is ignored."""
         x, y, z = pose_sd[:3, 3].tolist()
         self._goal = ((x, y, z), from_matrix(pose_sd))
 
     def advance(self, time_ns: int, hold_s: float) -> Motion:
-        """As commanded: the tool has moved to where the last twist led."""
-        tool = self._tool = self._promised
+        """Return the pose that the last twist led to, and the next twist."""
+        tool = self._tool = self._next
         v, w = self.velocity(tool.position, tool.orientation)
         x, y, z = tool.position
-        self._promised = resting(
+        self._next = resting(
             (x + hold_s * v[0], y + hold_s * v[1], z + hold_s * v[2]),
-            normalised(multiply(from_vector((hold_s * w[0], hold_s * w[1], hold_s * w[2])), tool.orientation)),
+            normalised(multiply(from_rotation_vector((hold_s * w[0], hold_s * w[1], hold_s * w[2])), tool.orientation)),
         )
-        return Motion(pose_of(tool), mean_twist(tool, self._promised, hold_s))
+        return Motion(pose_matrix(tool), mean_twist(tool, self._next, hold_s))
 
     def velocity(self, position: Vector, orientation: Quaternion) -> tuple[Vector, Vector]:
-        """What is asked of a tool that is there: velocity of its point and angular velocity, written in {s}."""
+        """Return the commanded velocity of the tool point and angular velocity, in {s}, for a tool at this pose."""
         return (
             self._cut(difference(self._goal[0], position), self._max_linear),
-            self._cut(to_vector(multiply(self._goal[1], conjugate(orientation))), self._max_angular),
+            self._cut(to_rotation_vector(multiply(self._goal[1], conjugate(orientation))), self._max_angular),
         )
 
     def _cut(self, error: Vector, speed: float) -> Vector:
@@ -100,50 +101,38 @@ class Proportional:
 
 
 class LastSlope:
-    """The same reference as ``StreamedPoses``, fed by the newest sample and the slope from the one before.
+    """The same filter as ``StreamedPoses``, with the newest sample and the slope from the previous one as input.
 
-    The simplest estimator that does not lag: no choice of predictor, no removal of jitter, no latency.
+    The simplest estimator without lag: no selection of predictors, no removal of jitter, no latency.
     """
 
     def __init__(self, settings: TargetSettings) -> None:
-        self._linear = Bounds(
-            settings.max_linear_speed,
-            settings.max_linear_acceleration,
-            settings.max_linear_jerk,
-            settings.catch_up_linear_speed,
-        )
-        self._angular = Bounds(
-            settings.max_angular_speed,
-            settings.max_angular_acceleration,
-            settings.max_angular_jerk,
-            settings.catch_up_angular_speed,
-        )
-        self._settings = settings
-        self._tool = self._promised = RigidMotion()
+        self._linear, self._angular = stream_bounds(settings)
+        self._tool = self._next = RigidMotion()
         self._sample: RigidMotion | None = None
         self._stamp_ns = 0
-        self._cadence = Cadence()
+        self._sampling_clock = SamplingClock()
         self._turn = ZERO
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """At rest at ``pose_sd``."""
+        """Start at rest at ``pose_sd``."""
         x, y, z = pose_sd[:3, 3].tolist()
-        self._tool = self._promised = resting((x, y, z), from_matrix(pose_sd))
+        self._tool = self._next = resting((x, y, z), from_matrix(pose_sd))
 
     def add(self, pose_sd: Array, stamped: Stamped) -> None:
-        """A sample; older ones and repeated stamps are left out."""
+        """Take a sample; older ones and repeated stamps are ignored."""
         x, y, z = pose_sd[:3, 3].tolist()
         orientation = from_matrix(pose_sd)
         v = w = ZERO
         if self._sample is None:
-            self._cadence = restarted(self._cadence, stamped.time_ns)
+            self._sampling_clock = reset(self._sampling_clock, stamped.time_ns)
         elif stamped.time_ns <= self._stamp_ns:
             return
         else:
-            self._cadence = followed(self._cadence, stamped.time_ns)
-            dt = max((stamped.time_ns - self._stamp_ns) / NS, 0.5 * self._cadence.period_s)
+            self._sampling_clock = updated(self._sampling_clock, stamped.time_ns)
+            dt = max((stamped.time_ns - self._stamp_ns) / NS, 0.5 * self._sampling_clock.period_s)
             a, b, c = difference((x, y, z), self._sample.position)
-            d, e, f = to_vector(multiply(orientation, conjugate(self._sample.orientation)))
+            d, e, f = to_rotation_vector(multiply(orientation, conjugate(self._sample.orientation)))
             v, w = (a / dt, b / dt, c / dt), (d / dt, e / dt, f / dt)
             if length(v) > self._linear.speed or length(w) > self._angular.speed:
                 v = w = ZERO
@@ -151,22 +140,22 @@ class LastSlope:
         self._stamp_ns = stamped.time_ns
 
     def advance(self, time_ns: int, hold_s: float) -> Motion:
-        """The reference, one interval on."""
-        tool = self._tool = self._promised
+        """Return the motion of the filter after one interval."""
+        tool = self._tool = self._next
         goal = self._sample or tool
-        age_s = min((time_ns - self._stamp_ns) / NS, 2.0 * self._cadence.period_s)
-        goal = move(goal, Jerk(ZERO, ZERO, age_s), age_s)
-        omega = min(self._settings.bandwidth / self._cadence.period_s, self._settings.max_bandwidth)
+        age_s = min((time_ns - self._stamp_ns) / NS, 2.0 * self._sampling_clock.period_s)
+        goal = integrate(goal, Jerk(ZERO, ZERO, age_s), age_s)
+        omega = min(BANDWIDTH / self._sampling_clock.period_s, MAX_BANDWIDTH)
         self._turn = orientation_error(goal.orientation, tool.orientation, self._turn)
         jerk = Jerk(
-            chase(
+            cascade_jerk(
                 difference(goal.position, tool.position), tool.velocity, tool.acceleration, goal.velocity, ZERO,
                 omega, self._linear, hold_s,
             ),
-            chase(
+            cascade_jerk(
                 self._turn, tool.rate, tool.angular_acceleration, goal.rate, ZERO, omega, self._angular, hold_s
             ),
             hold_s,
         )  # fmt: skip
-        self._promised = move(tool, jerk, hold_s)
-        return Motion(pose_of(tool), mean_twist(tool, self._promised, hold_s))
+        self._next = integrate(tool, jerk, hold_s)
+        return Motion(pose_matrix(tool), mean_twist(tool, self._next, hold_s))

@@ -1,4 +1,4 @@
-"""Streams end to end over DDS: ``ik_demo`` runs node and simulator as processes, and its recording is measured."""
+"""Streams over DDS: ``ik_demo`` runs node and simulator as processes; its recording is measured."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks import streams
-from benchmarks.streams import TICK_S, Stream, Track, Yardstick, counted, figures, smoothness
-from benchmarks.tracking_rows import NODE, Demand, Row
+from benchmarks import stream_data
+from benchmarks.stream_data import Stream
+from benchmarks.stream_metrics import TICK_S, ReferenceTrack, Track, counted, smoothness, stream_metrics
+from benchmarks.tracking_rows import NODE, FollowerResult, Requirement
 from benchmarks.tracking_targets import READY, panda, start_of_streams
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
@@ -24,29 +25,29 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
-from ik_node.report import FILE_NAME
-from ik_node.report.ground_truth import Poses, Truth, read_truth
+from ik_node.report import GROUND_TRUTH_FILE
+from ik_node.report.ground_truth import GroundTruth, Poses, read_ground_truth
 from ik_node.report.tracking import measured_poses
-from ik_node.trajectory.pose_file import PoseFileFormat
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
 
 RATE_HZ = 30.0
 MADE = "wander"
-"""Name of the stream of our own."""
+"""Name of the generated stream."""
 
 
 class Sent(NamedTuple):
-    """What ik_demo is to send."""
+    """A stream that ik_demo sends."""
 
     name: str
     file: Path
     how: PoseFileFormat
     rate_hz: float | None
-    """None: the file's own times."""
+    """None: the times in the file."""
 
 
-def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[Row], list[Demand]]]:
-    """Rows and demands as the other parts have them; ``seconds`` of each stream, 0 for all of it."""
+def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[FollowerResult], list[Requirement]]]:
+    """Yield titles, rows and requirements; ``seconds`` of each stream, 0 for all of it."""
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch, "wander.csv")
         write_wander(made)
@@ -58,25 +59,25 @@ def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[Row]
 
 
 def _real(data: Path) -> Iterator[Sent]:
-    missing = streams.absent(data)
+    missing = stream_data.absent(data)
     if "task board" not in missing:
-        file = data / streams.TASK_BOARD
-        yield Sent("task board", file, streams.task_board_format(data), None)
-    for name, place, how in streams.RECORDINGS[:4]:
+        file = data / stream_data.TASK_BOARD
+        yield Sent("task board", file, stream_data.task_board_format(data), None)
+    for name, place, how in stream_data.RECORDINGS[:4]:
         if name not in missing:
             yield Sent(name, data / place, _placed(how), RATE_HZ)
 
 
 def _placed(how: PoseFileFormat) -> PoseFileFormat:
-    """Relative motions begin where those of the other parts do; ik_demo leads the arm there."""
+    """Yield the streams; relative motions start where those of the other parts do."""
     robot, _ = panda(1.0 / TICK_S)
     x, y, z = (start_of_streams(robot)[:3, 3] - robot.pose(READY)[:3, 3]).tolist()
     return dataclasses.replace(how, offset=(x, y, z)) if how.relative else how
 
 
 def write_wander(path: Path) -> None:
-    """A hand that does not know where it goes, densely: what is sent of it is taken from there."""
-    wander = streams.Wander()
+    """Write a dense random walk to a file, from which ik_demo samples."""
+    wander = stream_data.RandomWalk()
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(("time", "x", "y", "z", "qx", "qy", "qz", "qw"))
@@ -85,7 +86,7 @@ def write_wander(path: Path) -> None:
             writer.writerow((time_s, *pose[:3, 3], *se3.quaternion_from_rotation(pose[:3, :3])))
 
 
-def tracked(sent: Sent, out: Path, seconds: float) -> tuple[Row, float]:
+def tracked(sent: Sent, out: Path, seconds: float) -> tuple[FollowerResult, float]:
     """The node's row from a recording made in the folder ``out``, and the sample period in s.
 
     IkNodeError with what it said when ik_demo does not go to its end.
@@ -99,7 +100,7 @@ def tracked(sent: Sent, out: Path, seconds: float) -> tuple[Row, float]:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise IkNodeError(f"ik_demo ended with {done.returncode}:\n{done.stdout[-1000:]}{done.stderr[-1000:]}")
-    return measured(load_run(out / "bag"), read_truth(out / FILE_NAME))
+    return measured(load_run(out / "bag"), read_ground_truth(out / GROUND_TRUTH_FILE))
 
 
 def _arguments(how: PoseFileFormat) -> list[str]:
@@ -113,8 +114,8 @@ def _arguments(how: PoseFileFormat) -> list[str]:
     return given
 
 
-def measured(run: Run, truth: Truth) -> tuple[Row, float]:
-    """The node's row against ``truth``, on an even grid of ticks, and the median period of the targets in s."""
+def measured(run: Run, truth: GroundTruth) -> tuple[FollowerResult, float]:
+    """Return the row of the node on an even grid, and the median period of the targets, s."""
     begin_ns, duration_s = int(truth.ros_ns[0]), (int(truth.ros_ns[-1]) - int(truth.ros_ns[0])) / NS
     grid = TICK_S * np.arange(int(duration_s / TICK_S), dtype=np.float64)
     sent = run.targets.stamp_ns >= begin_ns
@@ -126,8 +127,8 @@ def measured(run: Run, truth: Truth) -> tuple[Row, float]:
     moments_s = (ros_ns[inside] - begin_ns) / NS
     moved = SampledTrajectory(moments_s - moments_s[0], _matrices(tool)[inside])
     poses = np.array([moved.pose(time_s) for time_s in (grid - moments_s[0]).tolist()])
-    known = Yardstick(_matrices(truth.at(begin_ns + np.round(grid * NS).astype(np.int64))), counted(stream, grid))
-    linear, angular = figures(Track(poses, np.zeros((len(grid), 6))), stream, known)
+    known = ReferenceTrack(_matrices(truth.at(begin_ns + np.round(grid * NS).astype(np.int64))), counted(stream, grid))
+    linear, angular = stream_metrics(Track(poses, np.zeros((len(grid), 6))), stream, known)
     commanded = np.isfinite(run.joint_velocity).all(axis=1)
     even = np.arange(run.times_s[commanded][0], run.times_s[commanded][-1], TICK_S)
     velocity = [np.interp(even, run.times_s[commanded], joint[commanded]) for joint in run.joint_velocity.T]
@@ -136,16 +137,16 @@ def measured(run: Run, truth: Truth) -> tuple[Row, float]:
     begin_s = float(run.times_s[np.searchsorted(run.ros_ns, begin_ns)])
     slowed_s = TICK_S * float(np.count_nonzero(run.scale[commanded] < 1.0))
     stopped_s = _stopped_s(run, begin_s, begin_s + duration_s)
-    row = Row(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S), (), slowed_s, stopped_s)
+    row = FollowerResult(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S), (), slowed_s, stopped_s)
     return row, float(np.median(np.diff(times_s)))
 
 
 def _stopped_s(run: Run, begin_s: float, end_s: float) -> float:
-    """Time between these moments in which no control law was at work."""
-    times = [min(max(change.time_s, begin_s), end_s) for change in run.statuses]
+    """Return the time without control between two times, s."""
+    times = [min(max(change.time_s, begin_s), end_s) for change in run.status_changes]
     ends = [*times[1:], end_s]
     at_work = (Mode.TRACKING, Mode.HOLDING)
-    modes = [change.status.mode for change in run.statuses]
+    modes = [change.status.mode for change in run.status_changes]
     return sum(end - time for time, end, mode in zip(times, ends, modes, strict=True) if mode not in at_work)
 
 
@@ -157,9 +158,9 @@ def _matrices(poses: Poses) -> Array:
     return result
 
 
-def _demands(of: str, row: Row, period_s: float) -> list[Demand]:
-    """What can be asked without a rival in the same run."""
+def _demands(of: str, row: FollowerResult, period_s: float) -> list[Requirement]:
+    """Return the requirements that need no baseline in the same run."""
     return [
-        Demand(of, "position lag, ms", row.linear.lag_ms, max(30.0, 1e3 * period_s)),
-        Demand(of, "rotation lag, ms", row.angular.lag_ms, 1.5e3 * period_s),
+        Requirement(of, "position lag, ms", row.linear.lag_ms, max(30.0, 1e3 * period_s)),
+        Requirement(of, "rotation lag, ms", row.angular.lag_ms, 1.5e3 * period_s),
     ]

@@ -1,7 +1,7 @@
-"""What `ik_benchmark tracking` tracks, and with which arm.
+"""Targets and arm of ``ik_benchmark tracking``.
 
-Circle, figure of eight and a path through waypoints are known as a whole: for the node each is one message; its rivals
-are told the pose of this very moment at every tick. Streams of our own are laid where the arm reaches them.
+Circle, figure of eight and a path through waypoints are known as a whole: the node receives each as one message, the
+baselines receive the current pose at every control step. Generated streams are moved to where the arm reaches them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.streams import Stream
+from benchmarks.stream_data import Stream
 from ik_node import resources
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
@@ -19,7 +19,7 @@ from ik_node.interfaces.samples import PathSample, TrajectorySample
 from ik_node.math import se3
 from ik_node.math.quaternion import from_matrix
 from ik_node.math.types import Array
-from ik_node.robot.catalogue import robot_from
+from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.settings.parameter_file import read_settings
@@ -30,32 +30,32 @@ from ik_node.trajectory import shapes
 KNOTS_HZ = 50.0
 """Points of a trajectory message per second: quintics between them are within 1e-12 m of these shapes."""
 DIFFERENCE_S = 2e-3
-"""Step of the finite differences that give twists; of fourth order, so that it may be large."""
+"""Step of the finite differences of fourth order that give twists."""
 DIAMETER_M, SPEED_M_S = 0.24, 0.15
-"""Of the circle."""
+"""Diameter and speed on the circle."""
 
 
 READY = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
-"""The arm's usual posture, rad."""
+"""Usual posture of the arm, rad."""
 STREAMS_AT_M = (0.45, 0.0, 0.4)
-"""Where streams begin that say nothing of it: about the middle of the workspace."""
+"""Start of streams without a position: about the middle of the workspace."""
 
 
 def panda(rate_hz: float) -> tuple[Robot, Settings]:
-    """The arm, and its settings for control at ``rate_hz``."""
+    """Return the arm and its settings for control at ``rate_hz``."""
     settings = read_settings(resources.config_file("panda.yaml")).with_values({"rate_hz": rate_hz})
-    return robot_from(settings.arm), settings
+    return robot_from_settings(settings.arm), settings
 
 
 def start_of_streams(robot: Robot) -> Array:
-    """Where streams begin that say nothing of it, (4, 4)."""
+    """Return the start of streams without a position, (4, 4)."""
     pose = robot.pose(READY)
     pose[:3, 3] = STREAMS_AT_M
     return pose
 
 
-class Known(NamedTuple):
-    """A target that is known as a whole."""
+class KnownTarget(NamedTuple):
+    """A target that is known as a whole before the motion."""
 
     name: str
     truth: Trajectory
@@ -63,25 +63,25 @@ class Known(NamedTuple):
     """Stamps count from time 0."""
 
     def stream(self, rate_hz: float) -> Stream:
-        """Its pose at every tick."""
+        """Return its pose at every control step."""
         times = np.arange(int(self.truth.duration_s * rate_hz) + 1) / rate_hz
         return Stream(self.name, times, np.array([self.truth.pose(time) for time in times.tolist()]), self.truth)
 
 
-def known(robot: Robot, start_pose: Array) -> tuple[Known, ...]:
-    """All of them, from rest at ``start_pose`` (4, 4)."""
+def known(robot: Robot, start_pose: Array) -> tuple[KnownTarget, ...]:
+    """Return all known targets, from rest at ``start_pose`` (4, 4)."""
     circle = shapes.circle(start_pose, DIAMETER_M, period_s=pi * DIAMETER_M / SPEED_M_S, ramp_s=1.0)
     eight = shapes.figure_of_eight(start_pose, period_s=6.0, ramp_s=1.0)
     times, poses = waypoints(start_pose)
     return (
-        Known("circle", circle, trajectory_message(circle, robot.base_frame)),
-        Known("figure of eight", eight, trajectory_message(eight, robot.base_frame)),
-        Known("waypoints", Through(times, poses), path_message(times, poses, robot.base_frame)),
+        KnownTarget("circle", circle, trajectory_message(circle, robot.base_frame)),
+        KnownTarget("figure of eight", eight, trajectory_message(eight, robot.base_frame)),
+        KnownTarget("waypoints", Through(times, poses), path_message(times, poses, robot.base_frame)),
     )
 
 
 def trajectory_message(motion: Trajectory, frame: str) -> TrajectorySample:
-    """Poses, twists and accelerations of ``motion``."""
+    """Return a trajectory message with poses, twists and accelerations of ``motion``."""
     count = int(np.ceil(motion.duration_s * KNOTS_HZ))
     times = np.linspace(0.0, motion.duration_s, count + 1)
     poses = np.array([motion.pose(time) for time in times.tolist()])
@@ -98,7 +98,7 @@ def trajectory_message(motion: Trajectory, frame: str) -> TrajectorySample:
 
 
 def _derivatives(motion: Trajectory, time_s: float) -> tuple[Array, Array]:
-    """Twist and its derivative, (6,) each, written in {s}."""
+    """Return the twist and its derivative, (6,) each, in {s}."""
     here = motion.pose(time_s)
     steps = []
     for offset in (-2, -1, 1, 2):
@@ -113,7 +113,7 @@ def _derivatives(motion: Trajectory, time_s: float) -> tuple[Array, Array]:
 
 
 class Through:
-    """The C2 motion through timed poses, as :mod:`ik_node.targets.path.follower` has it: rest to rest, least bending."""
+    """The C2 spline through timed poses of :mod:`ik_node.targets.path.follower`, from rest to rest."""
 
     def __init__(self, times_s: Array, poses: Array) -> None:
         """``times_s`` (N,) from 0; ``poses`` (N, 4, 4)."""
@@ -130,7 +130,7 @@ class Through:
 
 
 def path_message(times_s: Array, poses: Array, frame: str) -> PathSample:
-    """A nav_msgs/Path of these poses."""
+    """Return the path message of these poses."""
     return PathSample(
         (frame,) * len(poses),
         tuple(np.round(times_s * NS).astype(np.int64).tolist()),
@@ -152,7 +152,7 @@ WAYPOINTS = (
 
 
 def waypoints(start_pose: Array) -> tuple[Array, Array]:
-    """Times (N,) and poses (N, 4, 4)."""
+    """Return times (N,) and poses (N, 4, 4)."""
     table = np.array(WAYPOINTS)
     poses = np.repeat(start_pose[None], len(table), axis=0)
     for pose, row in zip(poses, table, strict=True):
@@ -162,10 +162,10 @@ def waypoints(start_pose: Array) -> tuple[Array, Array]:
 
 
 class Placed:
-    """A motion about the origin, laid at a pose."""
+    """A motion about the origin, moved to a pose."""
 
     def __init__(self, start_pose: Array, motion: Trajectory) -> None:
-        """``motion`` begins anywhere; here it begins at ``start_pose`` (4, 4)."""
+        """``motion`` is moved so that it starts at ``start_pose`` (4, 4)."""
         begin = motion.pose(0.0)
         self._motion, self._start, self._first = motion, start_pose, begin
         self.duration_s = motion.duration_s
@@ -180,6 +180,6 @@ class Placed:
 
 
 def laid_at(start_pose: Array, stream: Stream) -> Stream:
-    """``stream`` with its truth and samples moved so that the truth begins at ``start_pose``; noise stays."""
+    """Return ``stream`` with truth and samples moved so that the truth starts at ``start_pose``; noise is kept."""
     truth = Placed(start_pose, stream.truth)
     return Stream(stream.name, stream.times_s, np.array([truth.pose(t) for t in stream.times_s.tolist()]), truth)

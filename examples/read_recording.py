@@ -23,7 +23,7 @@ def main(bag: str = str(BAG)) -> None:
     print(f"RMS position error {1e3 * np.sqrt(np.nanmean(position_error**2)):.3f} mm")
     limited = {name for names in run.binding for name in names}
     print(f"active limits: {', '.join(sorted(limited)) or 'none'}")
-    for change in run.statuses:
+    for change in run.status_changes:
         print(f"{change.time_s:7.3f} s  {change.status.mode.value:9} {change.status.reason}")
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 import ik_node
 
-Q = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
-TWIST_B = np.array((0.1, 0.0, 0.05, 0.0, 0.2, 0.0))  # linear part (m/s) first, in the tool frame
+Q = np.array((0.5, 0.6, -0.9, -2.0, 0.8, 2.2, 0.3))
+TWIST_B = np.array((0.1, 0.2, 0.0, 0.0, 0.0, 0.5))  # linear part (m/s) first, in the tool frame
 GAIN_S = 0.02
 
 

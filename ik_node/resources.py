@@ -1,4 +1,4 @@
-"""Files that come with the package: configurations of robots, layouts, profiles."""
+"""Files that are installed with the package: parameter files of robots, scenes, layouts, DDS profiles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ik_node.errors import SettingsError
 
 
 def config_file(name: str) -> Path:
-    """The file ``config/name``; SettingsError with the names that there are."""
+    """Return the path of ``config/name``; raises SettingsError listing the files when there is none of this name."""
     folder = config_folder()
     path = folder / name
     if not path.is_file():
@@ -21,14 +21,14 @@ def config_file(name: str) -> Path:
 
 
 def config_folder() -> Path:
-    """Where the configurations lie: an ament prefix, the environment's prefix, or the source tree."""
-    for place in _places():
-        if place.is_dir():
-            return place
-    raise SettingsError("the configurations of ik_node are not installed")
+    """Return the folder of the files: below an ament prefix, below ``sys.prefix``, or in the source tree."""
+    for folder in _candidates():
+        if folder.is_dir():
+            return folder
+    raise SettingsError("the configuration files of ik_node are not installed")
 
 
-def _places() -> Iterator[Path]:
+def _candidates() -> Iterator[Path]:
     for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix):
         if prefix:
             yield Path(prefix, "share", "ik_node", "config")

@@ -13,7 +13,7 @@ from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from
 from ik_node.errors import IkNodeError
-from ik_node.settings.groups import METHODS
+from ik_node.settings.groups import METHOD_NAMES
 
 SHAPES = ("figure_of_eight", "circle", "line", "hold")
 """Keys of :data:`ik_node.trajectory.shapes.SHAPES`, which would load NumPy and numba; a test compares them."""
@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(prog="ik_demo", description=__doc__)
     result.add_argument("--robot", default="panda", help="name in example-robot-data [%(default)s]")
     result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml]")
-    result.add_argument("--method", choices=METHODS, help="method that resolves redundancy [as configured]")
+    result.add_argument("--method", choices=METHOD_NAMES, help="method that resolves redundancy [as configured]")
     result.add_argument(
         "--trajectory", default=SHAPES[0], help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]"
     )

@@ -179,7 +179,7 @@ def _finish(
     pose_sd: Array,
     solution: PoseSolution,
 ) -> int:
-    from ik_node.inverse_kinematics.iteration_table import pose_document, pose_table, pose_target_document, verdict
+    from ik_node.inverse_kinematics.iteration_table import pose_document, pose_table, pose_target_document, outcome_text
     from ik_node.robot.screw_chain import ScrewChain
 
     if options.json:
@@ -194,7 +194,7 @@ def _finish(
         counts = _count(solution.iterations, "iteration", "iterations")
         if solution.searches > 1:
             counts += f" in {solution.searches} searches"
-        print(f"{verdict(solution.converged, solution.reason)}; {counts}")
+        print(f"{outcome_text(solution.converged, solution.reason)}; {counts}")
         print("q = " + " ".join(f"{value:.{max(9, digits)}g}" for value in solution.q))
     if options.plot is not None:
         from ik_node.inverse_kinematics.iteration_figure import draw_pose_iterations
@@ -205,7 +205,7 @@ def _finish(
 
 
 def _plateau(options: argparse.Namespace) -> int:
-    from ik_node.inverse_kinematics.iteration_table import root_document, root_table, verdict
+    from ik_node.inverse_kinematics.iteration_table import root_document, root_table, outcome_text
     from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, PLATEAU_STARTS, plateau
 
     starts = PLATEAU_STARTS if options.seed is None else tuple(_numbers(options.seed, "--seed"))
@@ -217,7 +217,7 @@ def _plateau(options: argparse.Namespace) -> int:
     else:
         print("x_d - f(theta) = 1 / (1 + (theta - 2)^4) - 1/2: roots 1 and 3, plateau at 2")
         for start, run in zip(starts, runs, strict=True):
-            print(f"\nfrom theta^0 = {start:g}: {verdict(run.converged, run.reason)}")
+            print(f"\nfrom theta^0 = {start:g}: {outcome_text(run.converged, run.reason)}")
             print(root_table(run))
     if options.plot is not None:
         from ik_node.inverse_kinematics.iteration_figure import draw_plateau

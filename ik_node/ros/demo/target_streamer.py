@@ -53,9 +53,7 @@ class TargetStreamer(Node):  # type: ignore[misc]
         end_s = time.monotonic() + timeout_s
         while not (self.status[0] == "holding" and self._q is not None and self._targets.get_subscription_count()):
             if time.monotonic() > end_s:
-                raise IkNodeError(
-                    f"nodes not ready within {timeout_s:g} s; last status: {self.status}"
-                )
+                raise IkNodeError(f"nodes not ready within {timeout_s:g} s; last status: {self.status}")
             self.spin(0.05)
             check()
 

@@ -60,13 +60,13 @@ def decimate(times: Array, values: Array) -> tuple[Array, Array]:
     if len(times) <= MAX_POINTS:
         return times, values
     width = -(-2 * len(times) // MAX_POINTS)
-    whole = len(times) // width * width
-    blocks = values[:whole].reshape(-1, width)
+    used = len(times) // width * width
+    blocks = values[:used].reshape(-1, width)
     finite = np.isfinite(blocks)
     low, high = np.where(finite, blocks, np.inf).argmin(axis=1), np.where(finite, blocks, -np.inf).argmax(axis=1)
-    base = np.arange(0, whole, width)
+    base = np.arange(0, used, width)
     rows = np.sort(np.stack((base + low, base + high), axis=1), axis=1).ravel()
-    rows = np.concatenate((rows, np.arange(whole, len(times))))
+    rows = np.concatenate((rows, np.arange(used, len(times))))
     return times[rows], values[rows]
 
 

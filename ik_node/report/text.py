@@ -84,7 +84,7 @@ def _tracking(tracking: TrackingMetrics) -> list[str]:
         f"{overall.position_rms_mm:12.3f}{overall.position_max_mm:10.3f}  mm",
         f"orientation {settled.orientation_rms_mrad:11.3f}{settled.orientation_max_mrad:10.3f}"
         f"{overall.orientation_rms_mrad:12.3f}{overall.orientation_max_mrad:10.3f}  mrad",
-        f"lag          position {_ms(tracking.lag_position_ms)}, rotation {_ms(tracking.lag_rotation_ms)}; without lag "
+        f"lag          position {_ms(tracking.lag_position_ms)}, rotation {_ms(tracking.lag_rotation_ms)}; residual "
         f"{tracking.position_rms_without_lag_mm:.3f} mm, {tracking.orientation_rms_without_lag_mrad:.3f} mrad",
     ]
 

@@ -82,9 +82,9 @@ class ViewerPage:
         self.update(0.0)
 
     @property
-    def said(self) -> str:
-        """The words about the moment, as HTML."""
-        return str(self._words.content)
+    def status(self) -> str:
+        """Values and mode of the displayed frame, as HTML."""
+        return str(self._status.content)
 
     # --- building ----------------------------------------------------------------------------------------------------
 

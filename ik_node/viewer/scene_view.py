@@ -35,14 +35,14 @@ LAYERS = {
     "desired_path": ("desired path", "Desired path: grey dashes"),
     "targets": ("targets", "Positions of the received targets: dots"),
     "frames": ("frames", "Tool frame (short axes) and desired pose (long, thin axes)"),
-    "multiplier": ("\u03bb linear", "Linear parts of the multiplier: task term magenta, potential term yellow"),
-    "moment": ("\u03bb angular", "Angular parts of the multiplier, in the same colours"),
+    "multiplier_linear": ("\u03bb linear", "Linear parts of the multiplier: task term magenta, potential term yellow"),
+    "multiplier_angular": ("\u03bb angular", "Angular parts of the multiplier, in the same colours"),
     "obstacles": ("obstacles", "Obstacles at the displayed time"),
     "clearance": ("clearance", "Line between the closest points: green"),
     "grid": ("grid", "Grid of 0.1 m"),
 }
 """Layer -> label and tooltip of its checkbox."""
-HIDDEN_AT_FIRST = frozenset({"moment"})
+HIDDEN_AT_FIRST = frozenset({"multiplier_angular"})
 
 DASH_M = 0.01
 """Length of a dash of the desired path, and of the gap after it."""
@@ -263,7 +263,7 @@ class SceneView:
 
     def _draw_multiplier(self, name: str, wrench_b: Array, reference_norms: list[float], pose_sb: Array) -> None:
         """Draws the linear and angular part of a multiplier term as arrows at the tool."""
-        for index, (part, layer) in enumerate((("linear", "multiplier"), ("angular", "moment"))):
+        for index, (part, layer) in enumerate((("linear", "multiplier_linear"), ("angular", "multiplier_angular"))):
             handle = self._arrows[f"{name}_{part}"]
             wrench_s = pose_sb[:3, :3] @ wrench_b[3 * index : 3 * index + 3]
             norm = float(np.linalg.norm(wrench_s))

@@ -74,6 +74,11 @@ class Timeline(NamedTuple):
         return self.texts["status"]
 
     @property
+    def closest_pair(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the closest pair per row; empty when not computed."""
+        return self.texts["closest_pair"]
+
+    @property
     def sigma_min(self) -> Array:
         """Smallest singular values, (k,), m."""
         return _smallest(self.columns["singular_values"])

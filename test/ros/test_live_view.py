@@ -39,9 +39,10 @@ def peer() -> Iterator[Peer]:
 
 def start_panda(peer: Peer, folder: Path) -> None:
     """A simulated panda at 100 Hz and the node that drives it."""
-    arguments = ["--params-file", str(config_file("panda.yaml")), "-p", "rate_hz:=100.0"]
-    peer.start("simulator", folder, [*arguments, "-r", "commands:=/ik_node/commands"])
-    peer.start("node", folder, [*arguments, *CALM])
+    # In this order: rcl merges all -p arguments at the place of the first one, and the last value wins.
+    file, rate = ["--params-file", str(config_file("panda.yaml"))], ["-p", "rate_hz:=100.0"]
+    peer.start("simulator", folder, [*file, *rate, "-r", "commands:=/ik_node/commands"])
+    peer.start("node", folder, [*file, *CALM, *rate])
 
 
 def test_live_timeline_agrees_with_node_and_arm(peer: Peer, tmp_path: Path) -> None:
@@ -59,7 +60,7 @@ def test_live_timeline_agrees_with_node_and_arm(peer: Peer, tmp_path: Path) -> N
         timeline.sample(float(next(times)))
 
     peer.until("joint states", lambda: timeline.has_joint_state, sample)
-    start = robot.pose(timeline.buffer.timeline().q[-1])
+    start = robot.pose(timeline.buffer.timeline().joint_position[-1])
     target = start.copy()
     target[:3, 3] += (0.0, 0.04, 0.0)
 
@@ -70,21 +71,21 @@ def test_live_timeline_agrees_with_node_and_arm(peer: Peer, tmp_path: Path) -> N
     peer.until(
         "the arm to move", lambda: bool(timeline.buffer.timeline().pose_sb[-1, 1, 3] > start[1, 3] + 0.03), follow
     )
-    seen = timeline.buffer.timeline()
-    moving = next(row for row in range(len(seen.times_s)) if seen.status[row].mode is Mode.TRACKING)
-    assert seen.status[0].mode is Mode.HOLDING
-    assert np.abs(seen.joint_velocity[moving:]).max() > 0.05
-    assert seen.sigma_min[-1] == pytest.approx(0.16, abs=0.05)
-    last = len(seen.times_s) - 1
-    assert seen.pose_sb[last] == pytest.approx(robot.pose(seen.joint_position[last]))
+    recorded = timeline.buffer.timeline()
+    moving = next(row for row in range(len(recorded.times_s)) if recorded.status[row].mode is Mode.TRACKING)
+    assert recorded.status[0].mode is Mode.HOLDING
+    assert np.abs(recorded.joint_velocity[moving:]).max() > 0.05
+    assert recorded.sigma_min[-1] == pytest.approx(0.16, abs=0.05)
+    last = len(recorded.times_s) - 1
+    assert recorded.pose_sb[last] == pytest.approx(robot.pose(recorded.joint_position[last]))
     assert timeline.targets[-1] == pytest.approx(target[:3, 3])
-    assert 0.0 < seen.clearance[last] < 0.5
-    assert len(seen.closest_pair[last]) == 2
+    assert 0.0 < recorded.clearance[last] < 0.5
+    assert len(recorded.closest_pair[last]) == 2
 
 
-def test_the_error_shown_is_that_of_the_poses_shown(peer: Peer, tmp_path: Path) -> None:
-    """On an arm that does not do what it is told, so that all that is shown together stands still."""
-    peer.start("node", tmp_path, ["-p", "robot:=panda", "-p", "rate_hz:=100.0", *CALM])
+def test_displayed_error_agrees_with_displayed_poses(peer: Peer, tmp_path: Path) -> None:
+    """For an arm that does not execute commands, so that all displayed values are constant."""
+    peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM, "-p", "rate_hz:=100.0"])
     robot = robot_from_settings(ArmSettings(robot="panda"))
     q = np.array(READY["panda"])
     target = robot.pose(q)
@@ -100,17 +101,17 @@ def test_the_error_shown_is_that_of_the_poses_shown(peer: Peer, tmp_path: Path) 
         timeline.sample(float(next(times)))
 
     def agree() -> bool:
-        seen = timeline.buffer.timeline()
-        if not len(seen.times_s) or not np.isfinite(seen.error_b[-1]).all():
+        recorded = timeline.buffer.timeline()
+        if not len(recorded.times_s) or not np.isfinite(recorded.error_b[-1]).all():
             return False
-        expected = se3.log(se3.inverse(seen.pose_sb[-1]) @ seen.pose_sd[-1])
-        return bool(np.linalg.norm(expected[:3]) > 0.02 and np.abs(seen.error_b[-1] - expected).max() < 1e-6)
+        expected = se3.log(se3.inverse(recorded.pose_sb[-1]) @ recorded.pose_sd[-1])
+        return bool(np.linalg.norm(expected[:3]) > 0.02 and np.abs(recorded.error_b[-1] - expected).max() < 1e-6)
 
     peer.until("poses and error of a standing arm", agree, each)
 
 
 def watcher_settings(peer: Peer, watcher: LiveViewListener) -> Settings:
-    """Asked for in a thread of its own, as the viewer does; the peer's executor spins meanwhile."""
+    """Requested in a separate thread, as in the viewer, while the peer's executor spins."""
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(watcher.request_settings, 100.0)
         peer.until("the settings", asked.done)
@@ -134,13 +135,13 @@ def test_live_page_from_the_command_line(peer: Peer, tmp_path: Path) -> None:
     with output.open("w") as log:
         viewer = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment)
     try:
-        peer.until("the page", lambda: "http://" in said.read_text())
-        address = re.search(r"http://localhost:(\d+)", said.read_text())
+        peer.until("the page", lambda: "http://" in output.read_text())
+        address = re.search(r"http://localhost:(\d+)", output.read_text())
         assert address is not None
         with urllib.request.urlopen(f"http://127.0.0.1:{address[1]}/") as answer:
             assert b"<html" in answer.read(2000)
         viewer.send_signal(signal.SIGTERM)
-        assert viewer.wait(120.0) == 0, said.read_text()
+        assert viewer.wait(120.0) == 0, output.read_text()
     finally:
         viewer.kill()
         viewer.wait()

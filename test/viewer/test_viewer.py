@@ -372,7 +372,7 @@ def test_values_that_were_not_computed_are_hidden(run: Run, server: Any) -> None
     assert np.array_equal(world_pose(server, "/robot/3"), seen)
     for name in ("tool", "desired", "lambda_task_linear"):
         assert not server.scene.get_handle_by_name(f"/base/{name}").visible
-    assert "not computed" in page.said
+    assert "not computed" in page.status
 
 
 def test_without_meshes_lines_and_a_note_are_shown(run: Run, server: Any) -> None:
@@ -524,7 +524,7 @@ def test_recorded_obstacles_and_clearance_are_those_of_the_run(bag: Path, server
     line = ends(server, "/base/clearance")
     row = timeline_of(run).row(0.4)
     assert np.linalg.norm(line[1] - line[0]) == pytest.approx(run.clearance[row], abs=1e-5)
-    assert run.closest_pair[row][-1] in page.said
+    assert run.closest_pair[row][-1] in page.status
     near_post = ClosestPointQuery(
         Robot(run.urdf, run.base_frame, run.tip_frame), ObstacleSettings(self_collision=False)
     )

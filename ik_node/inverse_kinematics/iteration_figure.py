@@ -1,5 +1,8 @@
-"""Pictures of iterations, after the notes' figures: the arm's iterates with the screw axis that leads from the first to
-the goal (Fig. 6.8), and tangents on a scalar curve (Fig. 6.7). Colours are those of Okabe and Ito, and cividis."""
+"""Pictures of iterations like those of the lecture notes.
+
+They show the iterates of an arm with the screw axis from the first one to the goal (Fig. 6.8), or the tangents of a
+scalar curve (Fig. 6.7). Colours are those of Okabe and Ito, and cividis.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ik_node.errors import IkNodeError, InputError
-from ik_node.inverse_kinematics.newton_raphson import PoseSolution, Reason, Root
+from ik_node.inverse_kinematics.newton_raphson import PoseSolution, RootSolution, TerminationReason
 from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, PLATEAU_X_D, plateau_f
 from ik_node.math import se3
 from ik_node.math.types import Array
@@ -32,18 +35,28 @@ STYLE: Any = {
     "text.color": INK,
     "axes.labelcolor": INK,
 }
-MOST_ARMS = 6
-"""Iterates drawn as arms: the first ones, and the last."""
+MAX_ARMS = 6
+"""Number of iterates drawn as arms: the first ones and the last one."""
 
 
 def draw_pose_iterations(
     path: str | Path, title: str, chain: Robot | ScrewChain, pose_sd: Array, solution: PoseSolution
 ) -> None:
-    """Writes the picture of ``solution`` as PNG, SVG or PDF, by the ending of ``path``.
+    """Writes a picture of a result of inverse kinematics.
 
-    Left the arm at its iterates, light to dark, the goal's frame, the screw axis of the first V_b and the path that
-    this twist, followed for one second, would take. Right both errors over the iterations. IkNodeError without
-    matplotlib, InputError when the file cannot be written.
+    Left: the arm at its iterates, light to dark, the frame of the goal, the screw axis of the first V_b, and the path
+    of that constant twist during one second. Right: both errors over the iterations.
+
+    Args:
+        path: Output file, PNG, SVG or PDF according to its suffix.
+        title: Title of the picture.
+        chain: The arm.
+        pose_sd: The goal, (4, 4).
+        solution: The result.
+
+    Raises:
+        IkNodeError: matplotlib is not installed.
+        InputError: The file cannot be written.
     """
     planar = _is_planar(chain)
     with _picture(path, (12.5, 6.6)) as figure:
@@ -65,8 +78,8 @@ def draw_pose_iterations(
         figure.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.05, 0.01), ncol=6, frameon=False, fontsize=9)
 
 
-def draw_plateau(path: str | Path, starts: Sequence[float], runs: Sequence[Root]) -> None:
-    """Writes the curve x_d - f(theta) with the tangents of every run as PNG, SVG or PDF, by the ending of ``path``."""
+def draw_plateau(path: str | Path, starts: Sequence[float], runs: Sequence[RootSolution]) -> None:
+    """Writes a picture of the curve x_d - f(theta) with the tangents of every run, see :func:`draw_pose_iterations`."""
     with _picture(path, (11.0, 5.6)) as figure:
         axes = figure.add_subplot()
         figure.subplots_adjust(left=0.07, right=0.975, top=0.86, bottom=0.11)
@@ -88,9 +101,9 @@ def draw_plateau(path: str | Path, starts: Sequence[float], runs: Sequence[Root]
 
 @contextlib.contextmanager
 def _picture(path: str | Path, size: tuple[float, float]) -> Iterator[Any]:
-    """An empty figure in the house style, written to ``path`` at the end."""
+    """An empty figure, written to ``path`` at the end."""
     try:
-        import matplotlib as mpl  # only here: everything else works without it
+        import matplotlib as mpl  # imported here because it is optional
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -112,18 +125,18 @@ def _space_axes(figure: Any) -> Any:
 
 
 def _is_planar(chain: Robot | ScrewChain) -> bool:
-    """Whether every joint moves the tool in the plane z = constant of the base."""
+    """True if every joint moves the tool in the plane z = constant of the base."""
     pose, jacobian = chain.evaluate(np.linspace(0.1, 0.7, chain.n))
     space = se3.adjoint(pose) @ jacobian
     return bool(np.abs(space[2:5]).max() < 1e-9)
 
 
 def _draw_arms(axes: Any, chain: Robot | ScrewChain, solution: PoseSolution, planar: bool) -> list[Array]:
-    """The arm at its iterates; returns the points drawn."""
+    """Draws the arm at its iterates; returns the points drawn."""
     import matplotlib as mpl
 
     rows = list(enumerate(solution.iterates))
-    shown = rows if len(rows) <= MOST_ARMS else [*rows[: MOST_ARMS - 1], rows[-1]]
+    shown = rows if len(rows) <= MAX_ARMS else [*rows[: MAX_ARMS - 1], rows[-1]]
     points = []
     for place, (index, row) in enumerate(shown):
         last = index == len(rows) - 1
@@ -140,7 +153,7 @@ def _draw_arms(axes: Any, chain: Robot | ScrewChain, solution: PoseSolution, pla
 
 
 def _draw_screw(axes: Any, pose_sb: Array, pose_sd: Array, planar: bool, size: float) -> list[Array]:
-    """The path of constant V_b from ``pose_sb`` to ``pose_sd``, and its screw axis."""
+    """Draws the path of constant V_b from ``pose_sb`` to ``pose_sd`` and its screw axis; returns the points."""
     twist_b = se3.log(se3.inverse(pose_sb) @ pose_sd)
     path = np.array([(pose_sb @ se3.exp(twist_b * part))[:3, 3] for part in np.linspace(0.0, 1.0, 100)])
     axes.plot(*_coordinates(path, planar), "--", color=VERMILION, linewidth=1.5, label=r"path of constant $V_b$")
@@ -156,7 +169,7 @@ def _draw_screw(axes: Any, pose_sb: Array, pose_sd: Array, planar: bool, size: f
         axes.plot(*foot[:2], linestyle="", marker="o", zorder=6, label="screw axis", **ring)
         axes.plot(*foot[:2], "o", color=VERMILION, markersize=4, zorder=7)
         return [path, foot[None, :]]
-    # The stretch of the axis that passes the path, where that is near the picture at all.
+    # The section of the axis beside the path, if it is near the picture.
     along = (path - foot) @ direction
     low, high = float(along.min()) - 0.25 * size, float(along.max()) + 0.25 * size
     line = foot + np.outer((low, high), direction)
@@ -167,7 +180,7 @@ def _draw_screw(axes: Any, pose_sb: Array, pose_sd: Array, planar: bool, size: f
 
 
 def _draw_frame(axes: Any, pose: Array, length: float, planar: bool, name: str, aside: float) -> Array:
-    """Axes x, y, z of ``pose`` and its name, ``aside`` lengths along x and y; returns the points drawn."""
+    """Draws the axes of ``pose`` and its name, ``aside`` lengths along x and y; returns the points drawn."""
     ends = [pose[:3, 3], *(pose[:3, 3] + length * pose[:3, column] for column in range(2 if planar else 3))]
     for end, colour in zip(ends[1:], (VERMILION, GREEN, BLUE), strict=False):
         axes.plot(*_coordinates(np.array([ends[0], end]), planar), color=colour, linewidth=2.0, zorder=8)
@@ -183,7 +196,7 @@ def _draw_errors(axes: Any, solution: PoseSolution) -> None:
         (r"$\Vert v_b \Vert$ [m]", VERMILION, "s", [row.norm_v for row in solution.iterates]),
     )
     for label, colour, marker, values in series:
-        # An error of exactly zero is drawn at the edge of rounding.
+        # An error of exactly zero is drawn at the level of rounding.
         axes.semilogy(steps, np.maximum(values, 1e-17), marker=marker, color=colour, linewidth=1.6, label=label)
     axes.set_xlabel("iteration i")
     axes.xaxis.get_major_locator().set_params(integer=True)
@@ -192,12 +205,12 @@ def _draw_errors(axes: Any, solution: PoseSolution) -> None:
     axes.legend(loc="upper right", frameon=False)
 
 
-def _draw_tangents(axes: Any, start: float, run: Root, colour: str) -> None:
+def _draw_tangents(axes: Any, start: float, run: RootSolution, colour: str) -> None:
     label = rf"from $\theta^0$ = {start:g}: " + (
         rf"$\theta$ = {run.theta[0]:.4g}" if run.converged else str(run.reason.value)
     )
     axes.plot(start, run.iterates[0].value[0], "o", color=colour, markersize=8, label=label, zorder=6)
-    if run.reason is Reason.SINGULAR and len(run.iterates) == 1:
+    if run.reason is TerminationReason.SINGULAR and len(run.iterates) == 1:
         value = float(run.iterates[0].value[0])
         axes.plot((start - 1.0, start + 1.0), (value, value), "--", color=colour, linewidth=1.4)
     for row, following in zip(run.iterates, run.iterates[1:], strict=False):

@@ -1,4 +1,4 @@
-"""The iterations of root finding and inverse kinematics as the notes' table, and as a document for machines."""
+"""Iterates of root finding and inverse kinematics as the table of the lecture notes and as JSON documents."""
 
 from __future__ import annotations
 
@@ -7,27 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from ik_node.inverse_kinematics.newton_raphson import PoseSolution, Reason, Root
+from ik_node.inverse_kinematics.newton_raphson import PoseSolution, RootSolution, TerminationReason
 from ik_node.math.se3 import quaternion_from_rotation
 from ik_node.math.types import Array
 
 EXPLANATIONS = {
-    Reason.CONVERGED: "within the tolerances",
-    Reason.CAP: "the iterations allowed were used up",
-    Reason.STALLED: "at rest short of the target: out of reach, or a local minimum",
-    Reason.DIVERGED: "the iterates left every bound",
-    Reason.SINGULAR: "the Jacobian has lost the direction that is needed",
-    Reason.LIMITS: "the pose is reached only outside the joint limits",
+    TerminationReason.CONVERGED: "within the tolerances",
+    TerminationReason.CAP: "the maximum number of iterations was reached",
+    TerminationReason.STALLED: "no step reduces the error: out of reach, or a local minimum",
+    TerminationReason.DIVERGED: "an iterate is not finite or too large",
+    TerminationReason.SINGULAR: "the Jacobian has lost rank and permits no step",
+    TerminationReason.LIMITS: "the pose is reached only outside the joint limits",
 }
 TWIST_ORDER = ("v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z")
-"""Names of a twist's entries: linear part first, as everywhere in the package."""
+"""Names of the entries of a twist, linear part first."""
 
 
 def pose_table(solution: PoseSolution, turning: Sequence[bool], *, planar: bool = False, digits: int = 4) -> str:
-    """The notes' table: i, theta in degrees (metres for sliding joints), position, V_b, both norms.
+    """The table of the lecture notes: i, theta in degrees (metres for prismatic joints), position, V_b, both norms.
 
-    V_b is printed angular part first, as in the notes. ``planar`` keeps the columns of a planar arm, (x, y) and
-    (omega_z, v_x, v_y). ``turning`` (n,) tells revolute joints from sliding ones.
+    Args:
+        solution: The result of inverse kinematics.
+        turning: True for each revolute joint, (n,).
+        planar: True for the columns of a planar arm: (x, y) and (omega_z, v_x, v_y).
+        digits: Decimals.
+
+    Returns:
+        Lines of text; V_b has its angular part first, as in the notes.
     """
     chosen = [5, 0, 1] if planar else [3, 4, 5, 0, 1, 2]
     names = ["theta deg" if turns else "theta m" for turns in turning]
@@ -56,8 +62,8 @@ def pose_table(solution: PoseSolution, turning: Sequence[bool], *, planar: bool 
     return "\n".join(lines)
 
 
-def root_table(root: Root) -> str:
-    """i, theta, g(theta) of a scalar equation."""
+def root_table(root: RootSolution) -> str:
+    """The table of a scalar equation: i, theta, g(theta)."""
     lines = [f"{'i':>3}  {'theta':>22}  {'x_d - f(theta)':>22}"]
     lines += [
         f"{index:3d}  {float(row.theta[0]):22.15g}  {float(row.value[0]):22.15g}"
@@ -66,15 +72,15 @@ def root_table(root: Root) -> str:
     return "\n".join(lines)
 
 
-def verdict(converged: bool, reason: Reason) -> str:
-    """In words: how it ended and why."""
+def outcome_text(converged: bool, reason: TerminationReason) -> str:
+    """Text: whether the iteration has converged, and the reason of its end."""
     return f"{'converged' if converged else 'not converged: ' + reason.value} ({EXPLANATIONS[reason]})"
 
 
 def pose_document(solution: PoseSolution) -> dict[str, Any]:
-    """The whole solution for machines; numbers are exact doubles.
+    """A result of inverse kinematics as a JSON document; numbers are exact doubles.
 
-    ``iterations`` holds one entry per row of the table; the entries of ``twist`` are named by ``twist_order``.
+    ``iterations`` has one entry per iterate; ``twist_order`` names the entries of ``twist``.
     """
     return {
         "converged": solution.converged,
@@ -99,15 +105,15 @@ def pose_document(solution: PoseSolution) -> dict[str, Any]:
 
 
 def pose_target_document(pose_sd: Array) -> dict[str, Any]:
-    """A pose as position and quaternion."""
+    """A pose (4, 4) as position and quaternion."""
     return {
         "position": pose_sd[:3, 3].tolist(),
         "quaternion_xyzw": quaternion_from_rotation(pose_sd[:3, :3]).tolist(),
     }
 
 
-def root_document(root: Root) -> dict[str, Any]:
-    """One run of root finding for machines; values that are not finite are null."""
+def root_document(root: RootSolution) -> dict[str, Any]:
+    """A result of root finding as a JSON document; values that are not finite are null."""
     return {
         "converged": root.converged,
         "reason": root.reason.value,
@@ -126,5 +132,5 @@ def root_document(root: Root) -> dict[str, Any]:
 
 
 def _numbers(values: Array, width: int, digits: int) -> str:
-    # Adding 0.0 turns a rounded -0.0 into 0.0.
+    # Adding 0.0 converts a rounded -0.0 to 0.0.
     return "".join(f"{round(float(value), digits) + 0.0:{width}.{digits}f}" for value in values)

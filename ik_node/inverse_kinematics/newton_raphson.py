@@ -1,15 +1,15 @@
-"""Root finding and inverse kinematics by Newton-Raphson, as in the notes, with an honest account of every iterate.
+"""Root finding and inverse kinematics by Newton-Raphson, as in the lecture notes, with a record of every iterate.
 
 ::
 
     g(theta) = 0 :               theta <- theta - J_g^+ g(theta)                      find_root
     x_d - f(theta) = 0 :         theta <- theta + J^+ (x_d - f(theta))                solve_coordinates
-    T_sb(theta) = T_sd :         theta <- theta + J_b^+ log(T_sb(theta)^-1 T_sd)      solve_pose
+    T_sb(theta) = T_sd :         theta <- theta + J_b^+ log(T_sb(theta)^-1 T_sd)      solve_pose_newton
 
-The notes set the error once, before the loop, and give the loop no end; here it is computed anew in every iteration and
-iterations are capped. Convergence is local: from a start that is not close, the method may end at another root or
-nowhere, and the result then says which. J^+ is truncated where J loses rank, so that an iterate on a singularity goes
-on in the directions that are left.
+The notes compute the error once, before the loop, and do not bound the loop; here it is computed in every iteration,
+and the number of iterations is bounded. Convergence is local: from a distant start the method may end at another root
+or diverge, and the result states the reason. J^+ is truncated where J loses rank, so that an iterate at a singularity
+continues in the remaining directions.
 """
 
 from __future__ import annotations
@@ -23,58 +23,59 @@ from numpy.typing import ArrayLike
 
 from ik_node.errors import InputError, UnknownNameError
 from ik_node.math import se3
-from ik_node.math.pseudoinverse import EPSILON, apply
+from ik_node.math.numerics import check_count, check_positive, checked_vector
+from ik_node.math.pseudoinverse import EPSILON, apply_pseudoinverse
 from ik_node.math.types import Array
-from ik_node.robot.screw_chain import KinematicChain, fold, wrap_angle
+from ik_node.robot.screw_chain import KinematicChain, wrap_angle, wrap_into_limits
 
 Function = Callable[[Array], ArrayLike]
 
 DIVERGED_BEYOND = 1e8
-"""An iterate with an entry beyond this (rad, m) has diverged."""
+"""An iterate with an entry beyond this, rad (m), has diverged."""
 FORMS = ("body", "space")
-"""In which frame :func:`solve_pose` writes twist and Jacobian."""
+"""Frames in which :func:`solve_pose_newton` expresses twist and Jacobian."""
 
 
-class Reason(Enum):
+class TerminationReason(Enum):
     """Why an iteration ended."""
 
     CONVERGED = "converged"
     CAP = "cap"
-    """The iterations allowed were used up."""
+    """The maximum number of iterations was reached."""
     STALLED = "stalled"
-    """No step reduces the error though J has full rank: the nearest that can be reached, or a local minimum."""
+    """No step reduces the error although J has full rank: the nearest reachable pose, or a local minimum."""
     DIVERGED = "diverged"
-    """The iterates, or the function's values, left every bound."""
+    """An iterate or a value of the function is not finite or too large."""
     SINGULAR = "singular"
-    """J has lost rank and nothing of the error is left in its range: no step to take."""
+    """J has lost rank and the error has no component in its range: there is no step."""
     LIMITS = "limits"
-    """The pose is reached, but only by joint positions outside their limits."""
+    """The pose is reached only by joint positions outside their limits."""
 
 
-class Iterate(NamedTuple):
-    """One row of the iteration table."""
+class RootIterate(NamedTuple):
+    """One iterate of root finding."""
 
     theta: Array
     """theta^i, (n,)."""
     value: Array
     """g(theta^i), (m,)."""
     norm: float
-    """Its 2-norm."""
+    """2-norm of ``value``."""
 
 
-class Root(NamedTuple):
-    """What root finding came to."""
+class RootSolution(NamedTuple):
+    """The result of root finding."""
 
     converged: bool
-    reason: Reason
+    reason: TerminationReason
     theta: Array
-    """The last finite iterate, (n,); turns of 2 pi taken off where asked for."""
-    iterates: tuple[Iterate, ...]
-    """Every one, the start first: ``len(iterates) - 1`` steps were taken."""
+    """The last finite iterate, (n,), wrapped into -pi..pi where requested."""
+    iterates: tuple[RootIterate, ...]
+    """All iterates, the start first: the number of steps is ``len(iterates) - 1``."""
 
 
 class PoseIterate(NamedTuple):
-    """One row of the notes' table."""
+    """One iterate of inverse kinematics: a row of the notes' table."""
 
     theta: Array
     """theta^i, (n,), rad (m)."""
@@ -89,20 +90,21 @@ class PoseIterate(NamedTuple):
 
 
 class PoseSolution(NamedTuple):
-    """What inverse kinematics came to."""
+    """The result of inverse kinematics."""
 
     converged: bool
-    """The pose of ``q`` is within both tolerances and ``q`` within the joint limits."""
-    reason: Reason
+    """True if the pose of ``q`` is within both tolerances and ``q`` within the joint limits."""
+    reason: TerminationReason
     q: Array
-    """The solution, (n,): turns of 2 pi added where a revolute joint needs them to be within its limits (or in
-    -pi..pi without limits). Not converged: the best that was found."""
+    """The solution, (n,), rad (m); multiples of 2 pi are added where a revolute joint needs them to be within its
+    limits (or in -pi..pi without limits). If not converged: the best joint positions found.
+    """
     iterates: tuple[PoseIterate, ...]
-    """Those of the search that ended at ``q``, the start first; joint positions as they came, without wrapping."""
+    """The iterates of the search that ended at ``q``, the start first, without wrapping."""
     iterations: int
-    """Steps taken in all searches together."""
+    """Number of steps of all searches together."""
     searches: int
-    """Starts used."""
+    """Number of searches."""
 
 
 def find_root(
@@ -115,33 +117,40 @@ def find_root(
     cutoff: float = 0.0,
     damping: float = 0.0,
     wrapped: ArrayLike | None = None,
-) -> Root:
-    """theta (n,) with g(theta) = 0 from ``start`` by theta <- theta - J_g^+ g (notes 2.1), g of any size m.
+) -> RootSolution:
+    """Solves g(theta) = 0 by theta <- theta - J_g^+ g (lecture notes, section 2.1).
 
-    ``function`` g; ``jacobian`` of g (m, n), by central differences when None. Converged: 2-norm of g <= ``tolerance``.
-    ``cutoff`` leaves out singular values up to it (the truncated step), ``damping`` > 0 takes the damped one. Where
-    ``wrapped`` (n,) is True the result is brought into -pi..pi; the iterates are not.
+    Args:
+        function: g, from theta (n,) to (m,); m and n are arbitrary.
+        start: The first iterate, (n,).
+        jacobian: J_g, from theta to (m, n); central differences if None.
+        tolerance: 2-norm of g at which the iteration has converged.
+        max_iterations: Maximum number of steps.
+        cutoff: Singular values up to this one are truncated in the step.
+        damping: > 0 for a damped step, in the unit of J_g.
+        wrapped: (n,), True for entries of the result that are wrapped into -pi..pi; the iterates are not.
 
-    Raises InputError naming ``start``, ``tolerance``, ``max_iterations``, or the function whose shape does not fit. A
-    value that is not finite is no error but Reason.DIVERGED.
+    Raises:
+        InputError: ``start``, ``tolerance`` or ``max_iterations`` is invalid, or a function has the wrong shape. A
+            value that is not finite is not an error but TerminationReason.DIVERGED.
     """
     theta = _start(start)
-    _check_number("tolerance", tolerance)
-    _check_count("max_iterations", max_iterations)
+    check_positive(tolerance=tolerance)
+    check_count(max_iterations=max_iterations)
     slope = jacobian or _central_differences(function)
-    iterates: list[Iterate] = []
+    iterates: list[RootIterate] = []
     while True:
         value = _value(function, theta)
         norm = float(np.linalg.norm(value))
-        iterates.append(Iterate(theta, value, norm))
+        iterates.append(RootIterate(theta, value, norm))
         if norm <= tolerance:
-            reason = Reason.CONVERGED
+            reason = TerminationReason.CONVERGED
             break
         if not np.isfinite(norm) or np.abs(theta).max() > DIVERGED_BEYOND:
-            reason = Reason.DIVERGED
+            reason = TerminationReason.DIVERGED
             break
         if len(iterates) > max_iterations:
-            reason = Reason.CAP
+            reason = TerminationReason.CAP
             break
         matrix = np.asarray(slope(theta), dtype=np.float64)
         matrix = matrix.reshape(1, 1) if matrix.size == 1 else matrix
@@ -154,17 +163,29 @@ def find_root(
         theta = following
     if wrapped is not None:
         theta = np.where(np.asarray(wrapped, dtype=bool), wrap_angle(theta), theta)
-    return Root(reason is Reason.CONVERGED, reason, theta, tuple(iterates))
+    return RootSolution(reason is TerminationReason.CONVERGED, reason, theta, tuple(iterates))
 
 
 def solve_coordinates(
     x_d: ArrayLike, forward: Function, start: ArrayLike, jacobian: Function | None = None, *, tolerance: float = 1e-10,
     max_iterations: int = 100, wrapped: ArrayLike | None = None,
-) -> Root:  # fmt: skip
-    """theta (n,) with f(theta) = ``x_d`` (m,) by theta <- theta + J^+ (x_d - f) (notes 2.2, coordinate form).
+) -> RootSolution:  # fmt: skip
+    """Solves f(theta) = x_d by theta <- theta + J^+ (x_d - f) (lecture notes, section 2.2, coordinate form).
 
-    ``forward`` f and its ``jacobian`` J (m, n), by central differences when None; the rest as in :func:`find_root`. In
-    the iterates ``value`` is e = x_d - f(theta).
+    Args:
+        x_d: Desired coordinates, (m,).
+        forward: f, from theta (n,) to (m,).
+        start: The first iterate, (n,).
+        jacobian: J of f, (m, n); central differences if None.
+        tolerance: As in :func:`find_root`.
+        max_iterations: As in :func:`find_root`.
+        wrapped: As in :func:`find_root`.
+
+    Returns:
+        The result; ``value`` of its iterates is e = x_d - f(theta).
+
+    Raises:
+        InputError: As in :func:`find_root`, or ``x_d`` is invalid.
     """
     wanted = np.atleast_1d(np.asarray(x_d, dtype=np.float64))
     if wanted.ndim != 1 or not np.isfinite(wanted).all():
@@ -183,7 +204,7 @@ def solve_coordinates(
     )  # fmt: skip
 
 
-def solve_pose(
+def solve_pose_newton(
     chain: KinematicChain,
     pose_sd: ArrayLike,
     start: ArrayLike,
@@ -194,21 +215,34 @@ def solve_pose(
     form: str = "body",
     cutoff: float = 0.0,
 ) -> PoseSolution:
-    """theta with T_sb(theta) = ``pose_sd`` by full Newton-Raphson steps from ``start`` (notes 2.2, body-twist form).
+    """Solves T_sb(theta) = T_sd by full Newton-Raphson steps (lecture notes, section 2.2, body-twist form).
 
-    Steps while the angular part of V_b is longer than ``eps_omega`` [rad] or the linear part than ``eps_v`` [m]; the
-    defaults are those of Example 6.1. ``form`` ``space`` takes J_s^+ and V_s instead, and measures V_s: the same steps
-    where J has full row rank, others for n < 6, where least squares depend on the frame. ``cutoff`` leaves out singular
-    values up to it. Limits have no say in the steps; a result outside them is not converged (Reason.LIMITS).
+    Joint limits do not influence the steps. :func:`ik_node.inverse_kinematics.pose_solver.solve_pose` respects them, is
+    faster, and restarts.
 
-    Raises InputError naming ``pose_sd`` (more than 1e-3 off SE(3), not finite), ``start``, a tolerance or a cap, and
-    UnknownNameError for ``form``. :func:`ik_node.inverse_kinematics.pose_solver.solve` is the robust, faster relative of this.
+    Args:
+        chain: A Robot or a ScrewChain.
+        pose_sd: T_sd, (4, 4).
+        start: The first iterate, (n,), rad (m).
+        eps_omega: Tolerance of the angular part of V_b, rad; the default is that of Example 6.1.
+        eps_v: Tolerance of the linear part of V_b, m.
+        max_iterations: Maximum number of steps.
+        form: ``body``; or ``space``, which uses J_s^+ and V_s and applies the tolerances to V_s. The steps are equal if
+            J has full row rank, and differ for n < 6, where least squares depend on the frame.
+        cutoff: Singular values up to this one are truncated in the step.
+
+    Returns:
+        The result; outside the joint limits it is not converged (TerminationReason.LIMITS).
+
+    Raises:
+        InputError: ``pose_sd`` is more than 1e-3 away from SE(3) or not finite; ``start``, a tolerance or
+            ``max_iterations`` is invalid.
+        UnknownNameError: ``form`` is unknown.
     """
     target = se3.checked_pose(pose_sd, "pose_sd")
-    theta = se3.vector(start, chain.n, "start")
-    _check_number("eps_omega", eps_omega)
-    _check_number("eps_v", eps_v)
-    _check_count("max_iterations", max_iterations)
+    theta = checked_vector(start, chain.n, "start")
+    check_positive(eps_omega=eps_omega, eps_v=eps_v)
+    check_count(max_iterations=max_iterations)
     if form not in FORMS:
         raise UnknownNameError("form", form, FORMS)
     iterates: list[PoseIterate] = []
@@ -220,43 +254,43 @@ def solve_pose(
             twist, jacobian = to_space @ twist, to_space @ jacobian
         iterates.append(pose_iterate(theta, pose, twist))
         if iterates[-1].norm_omega <= eps_omega and iterates[-1].norm_v <= eps_v:
-            reason = Reason.CONVERGED
+            reason = TerminationReason.CONVERGED
             break
         if np.abs(theta).max() > DIVERGED_BEYOND:
-            reason = Reason.DIVERGED
+            reason = TerminationReason.DIVERGED
             break
         if len(iterates) > max_iterations:
-            reason = Reason.CAP
+            reason = TerminationReason.CAP
             break
         following, stopped = _newton_step(theta, jacobian, twist, cutoff, 0.0)
         if stopped is not None:
             reason = stopped
             break
         theta = following
-    q, inside = fold(theta, chain)
-    if reason is Reason.CONVERGED and not inside:
-        reason = Reason.LIMITS
-    return PoseSolution(reason is Reason.CONVERGED, reason, q, tuple(iterates), len(iterates) - 1, 1)
+    q, inside = wrap_into_limits(theta, chain)
+    if reason is TerminationReason.CONVERGED and not inside:
+        reason = TerminationReason.LIMITS
+    return PoseSolution(reason is TerminationReason.CONVERGED, reason, q, tuple(iterates), len(iterates) - 1, 1)
 
 
 def pose_iterate(theta: Array, pose_sb: Array, twist: Array) -> PoseIterate:
-    """A row of the table with its norms."""
+    """An iterate with the norms of its twist."""
     v, omega = twist[:3], twist[3:]
     return PoseIterate(theta, pose_sb, twist, float(np.sqrt(omega @ omega)), float(np.sqrt(v @ v)))
 
 
 def _newton_step(
     theta: Array, matrix: Array, error: Array, cutoff: float, damping: float
-) -> tuple[Array, Reason | None]:
-    """theta + J^+ error; or theta as it was, with the reason, where that leads nowhere."""
+) -> tuple[Array, TerminationReason | None]:
+    """theta + J^+ error; or the unchanged theta and the reason why there is no step."""
     if not np.isfinite(matrix).all():
-        return theta, Reason.DIVERGED
-    step, rank = apply(matrix, error, cutoff=cutoff, damping=damping)
+        return theta, TerminationReason.DIVERGED
+    step, rank = apply_pseudoinverse(matrix, error, cutoff=cutoff, damping=damping)
     following = theta + step
     if not np.isfinite(following).all():
-        return theta, Reason.DIVERGED
+        return theta, TerminationReason.DIVERGED
     if np.abs(step).max() <= 4.0 * EPSILON * max(1.0, float(np.abs(theta).max())):
-        return theta, Reason.STALLED if rank == min(matrix.shape) else Reason.SINGULAR
+        return theta, TerminationReason.STALLED if rank == min(matrix.shape) else TerminationReason.SINGULAR
     return following, None
 
 
@@ -275,7 +309,7 @@ def _value(function: Function, theta: Array) -> Array:
 
 
 def _central_differences(function: Function) -> Callable[[Array], Array]:
-    """The Jacobian of ``function`` by central differences: error about 1e-10 of the function's scale."""
+    """The Jacobian of ``function`` by central differences; the error is about 1e-10 of the function's scale."""
 
     def slope(theta: Array) -> Array:
         columns = []
@@ -286,13 +320,3 @@ def _central_differences(function: Function) -> Callable[[Array], Array]:
         return np.stack(columns, axis=1)
 
     return slope
-
-
-def _check_number(name: str, value: float) -> None:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} is {value}; expected a number > 0")
-
-
-def _check_count(name: str, value: int) -> None:
-    if value < 0:
-        raise InputError(f"{name} is {value}; expected a count >= 0")

@@ -13,13 +13,19 @@ import numpy as np
 import pytest
 
 from ik_node.errors import IkNodeError, InputError, UnknownNameError
-from ik_node.inverse_kinematics.newton_raphson import PoseSolution, Reason, find_root, solve_coordinates, solve_pose
+from ik_node.inverse_kinematics.newton_raphson import (
+    PoseSolution,
+    TerminationReason,
+    find_root,
+    solve_coordinates,
+    solve_pose_newton,
+)
 from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, planar_2r, plateau
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.robot import catalogue
 from ik_node.robot.robot import Robot
-from ik_node.robot.screw_chain import ScrewChain, fold, wrap_angle
+from ik_node.robot.screw_chain import ScrewChain, wrap_angle, wrap_into_limits
 
 
 def robot(name: str) -> Robot:
@@ -40,7 +46,7 @@ def test_iterates_are_exact_newton_steps() -> None:
         exact.append((x, y))
     for jacobian, tolerance in ((lambda theta: np.diag(2.0 * theta), 1e-15), (None, 1e-9)):
         result = find_root(squares, [1.0, 1.0], jacobian, max_iterations=4)
-        assert result.reason is Reason.CAP
+        assert result.reason is TerminationReason.CAP
         assert not result.converged
         for iterate, reference in zip(result.iterates, exact, strict=True):
             np.testing.assert_allclose(iterate.theta, [float(value) for value in reference], rtol=tolerance)
@@ -53,7 +59,7 @@ def test_iterates_are_exact_newton_steps() -> None:
 def test_every_root_is_found_from_its_quadrant(signs: tuple[int, int]) -> None:
     result = find_root(squares, signs, tolerance=1e-12)
     assert result.converged
-    assert result.reason is Reason.CONVERGED
+    assert result.reason is TerminationReason.CONVERGED
     np.testing.assert_allclose(result.theta, np.array(signs) * (2.0, 3.0), rtol=1e-14)
 
 
@@ -61,15 +67,15 @@ def test_plateau_has_two_roots_and_two_failures() -> None:
     # Fig. 6.7 of the notes: from the right, from the left, near the plateau, on it.
     right, left, near, on = plateau(3.4), plateau(0.6), plateau(2.1), plateau(2.0)
     assert (left.theta[0], right.theta[0]) == pytest.approx(PLATEAU_ROOTS, abs=1e-9)
-    assert (near.reason, near.converged) == (Reason.DIVERGED, False)
+    assert (near.reason, near.converged) == (TerminationReason.DIVERGED, False)
     assert abs(near.iterates[1].theta[0] - near.iterates[0].theta[0]) > 50.0
-    assert (on.reason, on.converged, len(on.iterates)) == (Reason.SINGULAR, False, 1)
+    assert (on.reason, on.converged, len(on.iterates)) == (TerminationReason.SINGULAR, False, 1)
 
 
 def test_stalled_at_the_nearest_point() -> None:
     # Two equations, one unknown, no common root: the steps end at the least squares point, which is no root.
     result = find_root(lambda theta: np.array([theta[0] - 1.0, theta[0] + 1.0]), [5.0])
-    assert result.reason is Reason.STALLED
+    assert result.reason is TerminationReason.STALLED
     assert result.theta[0] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -83,7 +89,7 @@ def test_least_norm_step_of_an_underdetermined_equation() -> None:
 def test_values_that_are_not_finite_are_told_and_not_raised() -> None:
     with np.errstate(invalid="ignore"):
         result = find_root(np.log, [4.0], lambda theta: 1.0 / theta, max_iterations=50)
-    assert result.reason is Reason.DIVERGED
+    assert result.reason is TerminationReason.DIVERGED
     assert np.isnan(result.iterates[-1].norm)
 
 
@@ -96,7 +102,7 @@ def test_truncated_and_damped_steps() -> None:
         return np.asarray(diagonal(theta) @ (theta - 1.0))
 
     truncated = find_root(shift, [0.0, 0.0], diagonal, cutoff=1e-2)
-    assert truncated.reason is Reason.SINGULAR
+    assert truncated.reason is TerminationReason.SINGULAR
     np.testing.assert_allclose(truncated.theta, [1.0, 0.0], atol=1e-15)
     damped = find_root(shift, [0.0, 0.0], diagonal, damping=1.0, max_iterations=1)
     np.testing.assert_allclose(damped.theta, [0.5, 1e-6 / (1.0 + 1e-6)], rtol=1e-9)
@@ -124,10 +130,10 @@ def test_singular_start_without_a_way_out() -> None:
     # A stretched arm that shall come straight in: J has lost that direction and no step is left. Asked for the whole
     # pose (6 rows, 2 joints) J keeps its rank; the start is then the nearest point to first order.
     result = solve_coordinates([1.5, 0.0], tip_2r, [0.0, 0.0], lambda theta: np.array([[0.0, 0.0], [2.0, 1.0]]))
-    assert (result.reason, len(result.iterates)) == (Reason.SINGULAR, 1)
+    assert (result.reason, len(result.iterates)) == (TerminationReason.SINGULAR, 1)
     goal = np.eye(4)
     goal[0, 3] = 1.5
-    assert solve_pose(planar_2r().chain, goal, [0.0, 0.0]).reason is Reason.STALLED
+    assert solve_pose_newton(planar_2r().chain, goal, [0.0, 0.0]).reason is TerminationReason.STALLED
 
 
 def reference_2r(start: tuple[str, str], goal_angle: Any, goal: tuple[Any, Any], steps: int) -> list[tuple[Any, ...]]:
@@ -157,7 +163,7 @@ def test_example_6_1_to_full_precision() -> None:
         goal = ((root - 1) / 2, (root + 1) / 2)
         rows = reference_2r(("0", str(mpmath.pi / 6)), 2 * mpmath.pi / 3, goal, 4)
     example = planar_2r()
-    solution = solve_pose(example.chain, example.pose_sd, example.start, eps_omega=1e-3, eps_v=1e-4)
+    solution = solve_pose_newton(example.chain, example.pose_sd, example.start, eps_omega=1e-3, eps_v=1e-4)
     assert (solution.converged, solution.iterations) == (True, 3)
     for iterate, (theta, twist) in zip(solution.iterates, rows, strict=True):
         np.testing.assert_allclose(iterate.theta, np.array(theta.tolist(), float).ravel(), atol=2e-15)
@@ -173,7 +179,7 @@ def test_example_6_1_to_full_precision() -> None:
 def test_printed_goal_is_accepted_and_put_right() -> None:
     # The notes print T_sd with three decimals: determinant 0.99996. It is projected, not refused.
     example = planar_2r()
-    solution = solve_pose(example.chain, np.round(example.pose_sd, 3), example.start)
+    solution = solve_pose_newton(example.chain, np.round(example.pose_sd, 3), example.start)
     assert (solution.converged, solution.iterations) == (True, 3)
     np.testing.assert_allclose(np.rad2deg(solution.q), [30.0, 90.0], atol=5e-3)
 
@@ -182,7 +188,7 @@ def test_half_turn_goal() -> None:
     # 30 to 210 degrees: the log has two values there, and the textbook formula divides by zero. Either sign will do.
     example = planar_2r()
     goal = example.chain.pose(np.deg2rad([90.0, 120.0]))
-    solution = solve_pose(example.chain, goal, example.start)
+    solution = solve_pose_newton(example.chain, goal, example.start)
     assert solution.converged
     assert solution.iterates[0].norm_omega == pytest.approx(np.pi, abs=1e-12)
     assert solution.iterates[0].norm_v == pytest.approx(4.2914953731462235, abs=1e-9)
@@ -235,7 +241,9 @@ def test_screws_and_urdf_are_the_same_arm(name: str) -> None:
         for ours, theirs in zip(chain.evaluate(q), arm.evaluate(q), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-13)
         goal, start = arm.pose(q), q + rng.uniform(-0.2, 0.2, arm.n)
-        pairs = zip(solve_pose(chain, goal, start).iterates, solve_pose(arm, goal, start).iterates, strict=True)
+        pairs = zip(
+            solve_pose_newton(chain, goal, start).iterates, solve_pose_newton(arm, goal, start).iterates, strict=True
+        )
         for ours_row, theirs_row in pairs:
             np.testing.assert_allclose(ours_row.theta, theirs_row.theta, atol=1e-11)
 
@@ -245,13 +253,13 @@ def test_body_and_space_form_take_the_same_steps_unless_tall() -> None:
     arm = robot("panda")
     q = np.array([0.2, -0.4, 0.1, -1.9, 0.3, 1.6, 0.5])
     goal, start = arm.pose(q), q + 0.25
-    body = solve_pose(arm, goal, start)
-    space = solve_pose(arm, goal, start, form="space")
+    body = solve_pose_newton(arm, goal, start)
+    space = solve_pose_newton(arm, goal, start, form="space")
     for b, s in zip(body.iterates, space.iterates, strict=True):
         np.testing.assert_allclose(b.theta, s.theta, atol=1e-11)
         np.testing.assert_allclose(s.twist, se3.adjoint(b.pose_sb) @ b.twist, atol=1e-10)
     example = planar_2r()
-    tall = [solve_pose(*example, form=form).iterates[1].theta for form in ("body", "space")]
+    tall = [solve_pose_newton(*example, form=form).iterates[1].theta for form in ("body", "space")]
     assert np.abs(tall[0] - tall[1]).max() > 1e-2
 
 
@@ -260,7 +268,7 @@ def test_translation_target() -> None:
     arm = robot("ur5")
     start = np.array([-0.5, -0.5, 0.5, -0.5, -0.5, 0.0]) * np.pi
     goal = arm.pose(start) @ se3.exp(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
-    solution = solve_pose(arm, goal, start, eps_omega=1e-12, eps_v=1e-12)
+    solution = solve_pose_newton(arm, goal, start, eps_omega=1e-12, eps_v=1e-12)
     np.testing.assert_allclose(solution.iterates[0].twist, [0, 0, 0.1, 0, 0, 0], atol=1e-12)
     lengths = [iterate.norm_v + iterate.norm_omega for iterate in solution.iterates]
     assert lengths == sorted(lengths, reverse=True)
@@ -270,7 +278,7 @@ def test_translation_target() -> None:
 def test_no_steps_when_already_there() -> None:
     arm = robot("panda")
     q = np.array([0.2, -0.4, 0.1, -1.9, 0.3, 1.6, 0.5])
-    solution = solve_pose(arm, arm.pose(q), q)
+    solution = solve_pose_newton(arm, arm.pose(q), q)
     assert (solution.converged, solution.iterations) == (True, 0)
     np.testing.assert_array_equal(solution.q, q)
 
@@ -280,9 +288,9 @@ def test_out_of_reach_ends_at_the_cap_or_says_why() -> None:
     arm = robot("ur5")
     goal = np.eye(4)
     goal[0, 3] = 5.0
-    solution = solve_pose(arm, goal, np.full(6, 0.7), max_iterations=40)
+    solution = solve_pose_newton(arm, goal, np.full(6, 0.7), max_iterations=40)
     assert not solution.converged
-    assert solution.reason in {Reason.CAP, Reason.DIVERGED}
+    assert solution.reason in {TerminationReason.CAP, TerminationReason.DIVERGED}
     assert solution.iterations <= 40
     assert len(solution.iterates) == solution.iterations + 1
 
@@ -290,10 +298,10 @@ def test_out_of_reach_ends_at_the_cap_or_says_why() -> None:
 def test_a_pose_reached_only_outside_the_limits_is_not_converged() -> None:
     example = planar_2r()
     limited = ScrewChain(example.chain.home, example.chain.screws_b, [-1.0, -1.0], [1.0, 1.0])
-    solution = solve_pose(limited, example.pose_sd, example.start)
-    assert (solution.converged, solution.reason) == (False, Reason.LIMITS)
+    solution = solve_pose_newton(limited, example.pose_sd, example.start)
+    assert (solution.converged, solution.reason) == (False, TerminationReason.LIMITS)
     wide = ScrewChain(example.chain.home, example.chain.screws_b, [6.0, -6.5], [7.5, 0.0])
-    turned: PoseSolution = solve_pose(wide, example.pose_sd, example.start)
+    turned: PoseSolution = solve_pose_newton(wide, example.pose_sd, example.start)
     assert turned.converged
     np.testing.assert_allclose(turned.q, np.deg2rad([390.0, -270.0]), atol=1e-4)
 
@@ -303,14 +311,14 @@ def test_fold_takes_the_fewest_turns() -> None:
     chain = ScrewChain(
         np.eye(4), np.tile([[0], [0], [0], [0], [0], [1.0]], 4), [-7, -1, 0, -np.inf], [7, 1, 20, np.inf]
     )
-    folded, inside = fold(np.array([7.5, 0.5 + 3 * turn, 21.0, 3.0 + 5 * turn]), chain)
+    folded, inside = wrap_into_limits(np.array([7.5, 0.5 + 3 * turn, 21.0, 3.0 + 5 * turn]), chain)
     np.testing.assert_allclose(folded, [7.5 - turn, 0.5, 21.0 - turn, 3.0], atol=1e-13)
     assert inside
-    folded, inside = fold(np.array([6.9, 2.0, -30.0, 0.0]), chain)
+    folded, inside = wrap_into_limits(np.array([6.9, 2.0, -30.0, 0.0]), chain)
     np.testing.assert_allclose(folded, [6.9, 2.0, -30.0 + 5 * turn, 0.0], atol=1e-13)
     assert not inside
     slide = ScrewChain(np.eye(4), [[0.0], [0.0], [1.0], [0.0], [0.0], [0.0]], [0.0], [1.0])
-    assert fold(np.array([turn]), slide)[1] is False
+    assert wrap_into_limits(np.array([turn]), slide)[1] is False
     np.testing.assert_allclose(wrap_angle(np.array([4.0, -4.0, 1.0])), [4.0 - turn, turn - 4.0, 1.0])
 
 
@@ -335,7 +343,7 @@ def _bad_pose_calls() -> list[tuple[str, dict[str, Any]]]:
 def test_bad_input_to_solve_pose_is_named(name: str, change: dict[str, Any]) -> None:
     example = planar_2r()
     with pytest.raises(IkNodeError, match=name):
-        solve_pose(example.chain, **({"pose_sd": example.pose_sd, "start": example.start} | change))
+        solve_pose_newton(example.chain, **({"pose_sd": example.pose_sd, "start": example.start} | change))
 
 
 def test_bad_input_elsewhere_is_named() -> None:
@@ -363,4 +371,4 @@ def test_bad_input_elsewhere_is_named() -> None:
     with pytest.raises(InputError, match="either body or space"):
         ScrewChain.from_angular_first(np.eye(4))
     with pytest.raises(UnknownNameError, match="valid: body, space"):
-        solve_pose(planar_2r().chain, np.eye(4), [0.0, 0.0], form="base")
+        solve_pose_newton(planar_2r().chain, np.eye(4), [0.0, 0.0], form="base")

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ik_node.errors import InputError
-from ik_node.inverse_kinematics.newton_raphson import Reason
+from ik_node.inverse_kinematics.newton_raphson import TerminationReason
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.math import se3
 from ik_node.math.types import Array
@@ -122,7 +122,7 @@ def test_out_of_reach_is_not_solved_and_costs_no_more_than_the_cap() -> None:
     goal[:3, 3] = 3.0, 0.0, 0.5
     capped = PoseSolver(arm, max_iterations=200).solve(goal)
     assert not capped.converged
-    assert capped.reason in {Reason.STALLED, Reason.CAP}
+    assert capped.reason in {TerminationReason.STALLED, TerminationReason.CAP}
     assert capped.iterations == 200
     single = PoseSolver(arm).solve(goal, restarts=0)
     assert (single.converged, single.searches) == (False, 1)

@@ -15,7 +15,13 @@ import pytest
 from support import shared_path
 
 from ik_node.differential_ik.closed_form import resolve
-from ik_node.inverse_kinematics.newton_raphson import PoseIterate, PoseSolution, Reason, find_root, solve_pose_newton
+from ik_node.inverse_kinematics.newton_raphson import (
+    PoseIterate,
+    PoseSolution,
+    TerminationReason,
+    find_root,
+    solve_pose_newton,
+)
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.inverse_kinematics.worked_examples import planar_2r
 from ik_node.math import se3
@@ -61,7 +67,7 @@ def test_newton_iterates() -> None:
         for chain in arms[case["robot"]]:
             for tolerance, (eps_omega, eps_v) in {"1e-3/1e-4": (1e-3, 1e-4), "1e-6/1e-6": (1e-6, 1e-6)}.items():
                 solution = solve_pose_newton(chain, case["Tsd"], case["theta0"], eps_omega=eps_omega, eps_v=eps_v)
-                assert solution.reason in {Reason.CONVERGED, Reason.LIMITS}
+                assert solution.reason in {TerminationReason.CONVERGED, TerminationReason.LIMITS}
                 assert solution.iterations == case["iterations_to_tol"][tolerance], case["name"]
                 check_rows(solution.iterates, case["rows"], 1e-9)
 
@@ -351,7 +357,11 @@ def test_peer_kdl() -> None:
         )
         replica = case["replica"]
         assert result.converged is replica["converged"], case["name"]
-        assert result.reason in ({Reason.CONVERGED} if replica["converged"] else {Reason.CAP, Reason.SINGULAR})
+        assert result.reason in (
+            {TerminationReason.CONVERGED}
+            if replica["converged"]
+            else {TerminationReason.CAP, TerminationReason.SINGULAR}
+        )
         np.testing.assert_allclose(result.theta, replica["q"], atol=1e-6)
 
 

@@ -49,7 +49,7 @@ def closed_loop_step(
         feedforward_b=desired.feedforward_b,
         twist_b=desired.twist_b,
         truncated_b=solution.truncated_b,
-        scale=solution.scale,
+        scale=solution.task_scale,
         multiplier_task=solution.multiplier_task,
         multiplier_potential=solution.multiplier_potential,
         singular_values=solution.singular_values,

@@ -119,7 +119,7 @@ class VelocityController:
         self._smith_predictor.reset(time_ns)
         self._ik.solution = None
         self._integral.reset()
-        self.solver.begin()
+        self.solver.reset()
         self.task_scale, self.truncated = 1.0, False
 
     def command(self, velocity: Array, time_ns: int) -> None:
@@ -161,16 +161,16 @@ class VelocityController:
         arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
-            solution = self.solver.follow_velocity(arm, velocity)
+            solution = self.solver.solve_velocity(arm, velocity)
         else:
             self._ik.solution = None
             if not self._integral.idle(control):
                 frozen = self.task_scale < 1.0 or self.truncated
                 integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
                 desired = desired._replace(twist_b=desired.twist_b + integral)
-            solution = self.solver.follow_twist(arm, desired.twist_b)
+            solution = self.solver.solve_twist(arm, desired.twist_b)
         self.command(solution.joint_velocity, now.monotonic_ns)
-        self.task_scale = solution.scale
+        self.task_scale = solution.task_scale
         self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
         return ControlOutput(desired, solution, elapsed_s)
 
@@ -180,9 +180,9 @@ class VelocityController:
         found = []
         if self.truncated:
             found.append("near a singularity: a component of the twist is truncated")
-        if solution.pace < 0.99:
+        if solution.singularity_scale < 0.99:
             found.append("slowed down near a singularity")
-        if solution.scale < solution.pace:
+        if solution.task_scale < solution.singularity_scale:
             found.append("slowed down by joint limits")
         if solution.relaxed:
             found.append("a joint limit was relaxed")

@@ -48,16 +48,16 @@ def random_scene(rng: np.random.Generator, count: int, reach: float, kinds: tupl
 
 
 def measured(geometry: CollisionGeometry, scene: Scene, q: Array, within: float = np.inf) -> NearPairs:
-    """Everything, by a measurer that knows nothing of the past."""
+    """All pairs, by a new DistanceQuery."""
     fresh = DistanceQuery(geometry)
     fresh.set_scene(scene, 0)
     return fresh.measure(q, np.full(fresh.pairs, within))[0]
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova", "balls"])
-def test_lazy_distances_are_those_of_measuring_everything(name: str) -> None:
-    """Bit for bit: a replay that starts in the middle must give the same answers as the run did. Walks and leaps of the
-    arm, obstacles that move, turn, come and go."""
+def test_lazy_distances_equal_those_of_a_full_computation(name: str) -> None:
+    """Bit for bit: a replay that starts in the middle must give the same results as the run. Small and large
+    motions of the arm; obstacles that move, rotate, are added and removed."""
     geometry, rng = geometry_of(name), np.random.default_rng(1)
     robot = geometry.robot
     lazy, scene = DistanceQuery(geometry), random_scene(rng, 4, 0.6, ("sphere", "box"))
@@ -84,8 +84,8 @@ def test_lazy_distances_are_those_of_measuring_everything(name: str) -> None:
     assert compared > 150
 
 
-def test_skipping_saves_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The point of the lower bounds: in slow motion only a few pairs are measured."""
+def test_lower_bounds_save_computations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In slow motion only a few pairs are computed."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(2)
     lazy, q, count = DistanceQuery(geometry), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5]), 0
     lazy.set_scene(random_scene(rng, 10, 1.5), 0)
@@ -116,8 +116,8 @@ def slopes_by_differences(geometry: CollisionGeometry, scene: Scene, q: Array, s
 
 @pytest.mark.parametrize("joints", ["rrrrrr", "rprrpr"])
 def test_slopes_between_balls_are_exact(joints: str) -> None:
-    """Nearest points are unique and closed form: 1e-6 relative, apart and in penetration, turning and sliding joints,
-    a base frame that is moved and turned against the root."""
+    """Nearest points are unique and analytic: 1e-6 relative, apart and in penetration, revolute and prismatic joints,
+    a base frame that is translated and rotated against the root."""
     geometry, rng = collision_geometry.load(ball_arm(joints, "0.4 -0.2 0.7")), np.random.default_rng(3)
     assert len(geometry.watched()) > 5
     inside = 0
@@ -155,8 +155,8 @@ def test_slopes_of_hulls(kind: str, tolerance: float) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind, _ in KINDS])
 def test_no_flip_through_contact_and_either_order(kind: str) -> None:
-    """An obstacle pushed into a link: distance falls evenly, its slope and direction go on through zero. The same pair
-    written the other way round gives the same distance and the same slope."""
+    """An obstacle moved into a link: distance falls evenly, its slope is continuous at zero. The same pair
+    in the other order gives the same distance and the same slope."""
     geometry = geometry_of("panda")
     backwards = dataclasses.replace(
         geometry, links=geometry.links[::-1], moves=geometry.moves[::-1], reach=geometry.reach[::-1]
@@ -194,7 +194,7 @@ def test_no_flip_through_contact_and_either_order(kind: str) -> None:
 
 
 def test_self_pairs_either_order() -> None:
-    """The sign must not hang on which link is named first."""
+    """The sign must not depend on the order of the links."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(5)
     swapped = dataclasses.replace(
         geometry, pairs=tuple(pair._replace(first=pair.second, second=pair.first) for pair in geometry.pairs)
@@ -230,7 +230,7 @@ def test_nearest_points_and_drift() -> None:
 
 
 def test_an_arm_of_one_joint_and_an_arm_without_pairs() -> None:
-    """The smallest cases: a ball on a lever that turns towards another, and nothing to be near to."""
+    """The smallest cases: a ball on a lever that turns towards another, and no pair at all."""
     solid = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
     robot = Robot(
         f'<robot name="lever"><link name="a"/><link name="b">{solid}</link><joint name="j" type="continuous">'
@@ -249,14 +249,14 @@ def test_an_arm_of_one_joint_and_an_arm_without_pairs() -> None:
     assert approach_speed_bounds(*clearance.motions(q, np.array([2.0]), still))[0] >= 1.0
 
 
-def test_what_is_not_known_counts_as_near() -> None:
-    """A NaN among the distances that are asked for must not hide a pair."""
+def test_nan_counts_as_near() -> None:
+    """A NaN among the requested ranges must not hide a pair."""
     clearance, q = DistanceQuery(geometry_of("panda")), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
     assert len(clearance.measure(q, np.full(clearance.pairs, np.nan))[0].pair) == clearance.pairs
 
 
 def test_speeds_are_upper_bounds() -> None:
-    """What the dampers rely on: no pair comes nearer faster than :func:`approach_speed_bounds` says."""
+    """Required by the dampers: no pair approaches faster than :func:`approach_speed_bounds`."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(6)
     clearance = DistanceQuery(geometry)
     clearance.set_scene(random_scene(rng, 5, 0.6), 0)
@@ -269,7 +269,7 @@ def test_speeds_are_upper_bounds() -> None:
 
 
 def test_simplified_links_contain_the_meshes() -> None:
-    """Distances must never be overstated: every vertex of every collision element lies in its link's solid."""
+    """Distances must never be overestimated: every vertex of every collision element lies in its link's solid."""
     for name in ("panda", "ur5", "talos_arm"):
         for simplification in collision_geometry.SIMPLIFICATIONS:
             geometry = collision_geometry.load(make_robot(name), simplification, self_collision=False)
@@ -287,7 +287,7 @@ def test_simplified_links_contain_the_meshes() -> None:
 
 
 def test_the_capsule_is_tight() -> None:
-    """Around points of a known capsule it finds nearly that bounding_capsule."""
+    """Around points of a known capsule it finds nearly this capsule."""
     rng = np.random.default_rng(7)
     rotation = exp(np.concatenate((np.zeros(3), rng.normal(size=3))))[:3, :3]
     directions = rng.normal(size=(800, 3))
@@ -300,8 +300,8 @@ def test_the_capsule_is_tight() -> None:
     assert abs(found.rotation[:, 2] @ rotation[:, 2]) > 0.999
 
 
-def test_pairs_are_chosen_for_a_stated_reason() -> None:
-    """Neighbours and always-touching pairs are left out, the rest is watched; a person can overrule, an SRDF replaces
+def test_pairs_are_selected_with_a_reason() -> None:
+    """Neighbours and pairs in permanent contact are not watched, the others are; settings override, an SRDF replaces
     the sampling."""
     robot = make_robot("talos_arm")
     pairs = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot).pairs}
@@ -314,11 +314,11 @@ def test_pairs_are_chosen_for_a_stated_reason() -> None:
     assert ("arm_left_1_link", "arm_left_7_link", False, "listed in ignored_pairs") in chosen.pairs
     assert ("arm_left_5_link", "arm_left_7_link", True, "listed in watched_pairs") in chosen.pairs
     srdf = '<robot name="t"><disable_collisions link1="arm_left_7_link" link2="arm_left_2_link" reason="x"/></robot>'
-    told = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot, srdf=srdf).pairs}
-    assert not told["arm_left_2_link", "arm_left_7_link"].watched
-    assert told["arm_left_1_link", "arm_left_7_link"].reason == "not disabled by the SRDF"
-    # It forgets a pair that always touches, which would hold the arm for ever.
-    forgotten = told["arm_left_5_link", "arm_left_7_link"]
+    by_srdf = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot, srdf=srdf).pairs}
+    assert not by_srdf["arm_left_2_link", "arm_left_7_link"].watched
+    assert by_srdf["arm_left_1_link", "arm_left_7_link"].reason == "not disabled by the SRDF"
+    # It does not disable a pair in permanent contact, which would block the arm.
+    forgotten = by_srdf["arm_left_5_link", "arm_left_7_link"]
     assert not forgotten.watched
     assert forgotten.reason == "not disabled by the SRDF, but in collision in 100% of the samples"
     silent = '<robot name="t"><group name="arm"/></robot>'
@@ -330,7 +330,7 @@ def test_pairs_are_chosen_for_a_stated_reason() -> None:
         collision_geometry.load(robot, ignored=("nonsense:arm_left_7_link",))
 
 
-def test_without_meshes_it_says_so() -> None:
+def test_missing_meshes_are_reported() -> None:
     """The rest of the node works without distances, so the reason must reach the status."""
     robot = make_robot("ur5")
     lost = Robot(robot.urdf.replace("meshes/ur5/collision/", "meshes/nowhere/"), robot.base_frame, robot.tip_frame)

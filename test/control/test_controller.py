@@ -47,7 +47,7 @@ def moving_loop(robot: Robot) -> Loop:
 
 
 @pytest.mark.parametrize(("name", "rate_hz"), [("panda", 50.0), ("panda", 500.0), ("ur5", 50.0)])
-def test_tracks_a_stream_it_does_not_know_ahead(name: str, rate_hz: float) -> None:
+def test_a_stream_unknown_in_advance_is_tracked(name: str, rate_hz: float) -> None:
     loop = loop_of(make_robot(name))
     trajectory, begin_ns = figure_of_eight(loop.pose()), loop.time_ns
     loop.follow(trajectory.pose, trajectory.duration_s, rate_hz)
@@ -66,7 +66,7 @@ def test_without_a_target_nothing_moves(panda: Robot) -> None:
     assert max(np.abs(step.joint_velocity).max() for step in loop.steps) < 1e-10
 
 
-def test_dead_joint_states_stop_the_arm_at_once_and_it_goes_on_without_a_lunge(panda: Robot) -> None:
+def test_stale_joint_states_stop_the_arm_at_once_and_it_continues_without_a_jump(panda: Robot) -> None:
     loop = moving_loop(panda)
     silent_since = loop.time_ns
     step: Step | None = None
@@ -77,10 +77,10 @@ def test_dead_joint_states_stop_the_arm_at_once_and_it_goes_on_without_a_lunge(p
     assert not step.joint_velocity.any()
     assert step.status.mode is Mode.STOPPED
     assert "no joint state for 0.1 s" in step.status.reason
-    assert loop.controller.on_clock(loop.now) is None, "zeros are said once: others may command the arm now"
+    assert loop.controller.on_clock(loop.now) is None, "zero is commanded once; then another node may command the arm"
     loop.run(0.1)
     assert loop.mode() is Mode.HOLDING
-    assert np.abs(loop.steps[-50].joint_velocity).max() < 1e-6, "goes on from where the arm is"
+    assert np.abs(loop.steps[-50].joint_velocity).max() < 1e-6, "continues from the measured position"
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -104,7 +104,7 @@ def test_names_and_positions_that_do_not_match_stop_the_arm(panda: Robot) -> Non
     assert "7 names but 6 positions" in step.status.reason
 
 
-def test_foreign_joint_states_neither_tick_nor_keep_the_arm_alive(panda: Robot) -> None:
+def test_states_of_other_joints_make_no_step_and_do_not_prevent_the_timeout(panda: Robot) -> None:
     loop = moving_loop(panda)
     gripper = ("finger_left", "finger_right")
     for _ in range(12):
@@ -136,7 +136,7 @@ def test_partial_and_shuffled_joint_states_are_merged(panda: Robot) -> None:
     assert np.array_equal(whole.steps[-1].joint_velocity, parts.steps[-1].joint_velocity)
 
 
-def test_says_which_joints_it_is_still_waiting_for(panda: Robot) -> None:
+def test_the_status_names_the_joints_without_a_state(panda: Robot) -> None:
     controller = Controller(panda, Settings())
     now = Instant(NS, NS)
     controller.on_joint_state(JointSample(0, panda.joints[:5], np.zeros(5)), now)
@@ -159,7 +159,7 @@ GOOD = (0.0, 0.0, 0.0, 1.0)
         ((0.4, 0.0, 0.5), GOOD, "", "unknown frame ''"),
     ],
 )
-def test_a_bad_target_is_refused_with_its_reason_and_the_next_good_one_taken(
+def test_an_invalid_target_is_refused_with_a_reason_and_the_next_valid_one_accepted(
     panda: Robot, position: tuple[float, ...], quaternion: tuple[float, ...], frame: str, reason: str
 ) -> None:
     loop = loop_of(panda)
@@ -181,7 +181,7 @@ def test_a_bad_target_is_refused_with_its_reason_and_the_next_good_one_taken(
     assert np.abs(loop.pose()[:3, 3] - pose[:3, 3]).max() < 1e-4
 
 
-def test_a_slightly_denormal_quaternion_is_put_right(panda: Robot) -> None:
+def test_a_quaternion_with_a_small_norm_error_is_normalised(panda: Robot) -> None:
     loop = loop_of(panda)
     quaternion = 1.0005 * se3.quaternion_from_rotation(loop.pose()[:3, :3])
     sample = PoseSample(0, "panda_link0", loop.pose()[:3, 3], quaternion)
@@ -200,15 +200,15 @@ def test_pause_ramps_straight_to_zero_within_the_acceleration_limits(panda: Robo
     ramp = np.array([first] + [step.joint_velocity for step in loop.steps[begun:]])
     rate = np.abs(np.diff(ramp, axis=0)).max() * NS / loop.period_ns
     assert rate <= limit * (1 + 1e-9)
-    assert rate >= 0.99 * limit, "no slower than it has to be"
+    assert rate >= 0.99 * limit, "no slower than necessary"
     assert not ramp[-1].any()
-    assert len(ramp) - 2 <= np.ceil(np.abs(first).max() / limit * NS / loop.period_ns), "then it says nothing more"
+    assert len(ramp) - 2 <= np.ceil(np.abs(first).max() / limit * NS / loop.period_ns), "no commands after the ramp"
     directions = ramp[:-2] / np.linalg.norm(ramp[:-2], axis=1)[:, None]
-    assert np.abs(directions - directions[0]).max() < 1e-12, "the tool's path does not bend"
+    assert np.abs(directions - directions[0]).max() < 1e-12, "the direction is constant"
     assert loop.mode() is Mode.PAUSED
 
 
-def test_a_ramp_ends_also_when_joint_states_stop_coming(panda: Robot) -> None:
+def test_a_ramp_is_completed_without_joint_states(panda: Robot) -> None:
     loop = moving_loop(panda)
     loop.controller.pause(loop.now)
     for _ in range(100):
@@ -218,7 +218,7 @@ def test_a_ramp_ends_also_when_joint_states_stop_coming(panda: Robot) -> None:
     assert not loop.steps[-1].joint_velocity.any()
 
 
-def test_resume_goes_on_from_where_the_arm_is(panda: Robot) -> None:
+def test_resume_continues_from_the_measured_position(panda: Robot) -> None:
     loop = moving_loop(panda)
     loop.controller.pause(loop.now)
     loop.run(0.5)
@@ -241,8 +241,8 @@ def test_resume_during_the_ramp_finishes_the_ramp_first(panda: Robot) -> None:
     assert rate <= loop.settings.limits.acceleration[0] * (1 + 1e-9)
 
 
-def test_a_robot_that_stands_still_is_noticed_and_taken_up_again_without_a_lunge(panda: Robot) -> None:
-    """A protective stop: commands are not obeyed for a while. They go to zero, and on return nothing jumps."""
+def test_a_robot_that_stands_still_is_detected_and_continues_without_a_jump(panda: Robot) -> None:
+    """A protective stop: the robot ignores commands for a while. Commands ramp to zero, and restart without a jump."""
     loop = moving_loop(panda)
     trajectory, begin_ns = figure_of_eight(loop.pose()), loop.time_ns
     frozen = loop.position
@@ -282,14 +282,14 @@ def test_a_robot_that_stands_still_is_noticed_and_taken_up_again_without_a_lunge
     del arm
 
 
-def test_a_late_arm_and_a_slow_one_are_not_taken_for_one_that_does_not_follow(panda: Robot) -> None:
+def test_an_arm_with_lag_or_reduced_speed_counts_as_following(panda: Robot) -> None:
     late = Loop(panda, READY["panda"], model=ArmModel(lag_s=0.03, delay_s=0.004, encoder_noise=1e-4))
     late.run(0.05)
     late.follow(figure_of_eight(late.pose()).pose, 10.0, 50.0)
     assert not any(step.status.mode is Mode.STOPPED for step in late.steps)
 
 
-def test_nobody_listening_is_said_and_nothing_is_commanded(panda: Robot) -> None:
+def test_without_a_subscriber_the_arm_is_stopped_with_this_reason(panda: Robot) -> None:
     loop = moving_loop(panda)
     loop.controller.on_listeners(0, loop.now)
     loop.run(1.0)
@@ -311,10 +311,10 @@ def test_an_exception_inside_is_a_fault_until_reset(panda: Robot, monkeypatch: p
     assert step.status.mode is Mode.FAULT
     assert "ZeroDivisionError" in step.status.reason
     loop.run(0.1)
-    assert loop.mode() is Mode.FAULT, "it does not go on by itself"
+    assert loop.mode() is Mode.FAULT, "a fault persists"
     loop.controller.pause(loop.now)
     loop.controller.resume()
-    assert loop.mode() is Mode.FAULT, "nor by a pause"
+    assert loop.mode() is Mode.FAULT, "a pause does not end a fault"
     loop.controller.reset()
     loop.run(0.1)
     assert loop.mode() is Mode.HOLDING
@@ -340,7 +340,7 @@ def test_the_end_of_the_stream_holds_the_last_pose(panda: Robot) -> None:
     assert np.linalg.norm(loop.steps[-1].error_b) < 1e-6
 
 
-def test_whatever_comes_in_no_command_is_over_a_limit_or_not_finite() -> None:
+def test_no_input_gives_a_command_above_a_limit_or_not_finite() -> None:
     for name, seed in (("panda", 1), ("ur5", 2)):
         robot, generator = make_robot(name), np.random.default_rng(seed)
         loop = loop_of(robot, limits__velocity_fraction=0.7)
@@ -358,11 +358,11 @@ def test_whatever_comes_in_no_command_is_over_a_limit_or_not_finite() -> None:
         assert len(commands) > 1500
         assert np.isfinite(commands).all()
         assert (np.abs(commands) <= 0.7 * robot.limits.velocity).all()
-        assert any(step.scale < 1.0 for step in loop.steps), "the limits were reached, or this tests nothing"
+        assert any(step.scale < 1.0 for step in loop.steps), "the limits must be reached for this test to be valid"
         assert not any(step.status.mode is Mode.FAULT for step in loop.steps)
 
 
-def test_the_velocity_limit_slows_the_tool_and_does_not_bend_its_path(panda: Robot) -> None:
+def test_the_velocity_limit_slows_the_tool_and_keeps_its_path(panda: Robot) -> None:
     loop = loop_of(panda, limits__velocity_fraction=0.05)
     loop.follow(figure_of_eight(loop.pose()).pose, 3.0, 100.0)
     slowed = [step for step in loop.steps if step.scale < 1.0]
@@ -375,11 +375,11 @@ def test_the_velocity_limit_slows_the_tool_and_does_not_bend_its_path(panda: Rob
         twist = jacobian @ step.joint_velocity
         wanted = step.twist_b - step.truncated_b
         cosine = twist @ wanted / np.linalg.norm(twist) / np.linalg.norm(wanted)
-        assert cosine > 1 - 1e-4, "up to the half step that the Jacobian is ahead"
+        assert cosine > 1 - 1e-4, "up to the half step between measured and Jacobian position"
 
 
 @pytest.mark.parametrize(("name", "reach"), [("panda", 1.5), ("ur5", 1.5)])
-def test_an_unreachable_target_stretches_the_arm_and_it_comes_back(name: str, reach: float) -> None:
+def test_an_unreachable_target_stretches_the_arm_and_it_returns(name: str, reach: float) -> None:
     robot = make_robot(name)
     loop = loop_of(robot)
     home = loop.pose()
@@ -393,9 +393,11 @@ def test_an_unreachable_target_stretches_the_arm_and_it_comes_back(name: str, re
             goal[:3, 3] = begin[:3, 3] + part * (pose[:3, 3] - begin[:3, 3])
             loop.target(goal)
             loop.run(0.02)
-    assert min(step.singular_values[-1] for step in loop.steps) < 0.02, "a singularity was met, or this tests nothing"
+    assert min(step.singular_values[-1] for step in loop.steps) < 0.02, (
+        "a singularity must be reached for this test to be valid"
+    )
     assert any("singularity" in step.status.reason for step in loop.steps)
-    assert np.abs(loop.pose()[:3, 3] - home[:3, 3]).max() < 1e-3, "it is back"
+    assert np.abs(loop.pose()[:3, 3] - home[:3, 3]).max() < 1e-3, "the arm has returned"
 
 
 @pytest.mark.parametrize(("state_rate_hz", "ticks"), [(1000.0, 500), (800.0, 500), (500.0, 500), (300.0, 300)])
@@ -440,7 +442,7 @@ def test_a_target_in_a_frame_of_the_arm_is_placed_where_that_frame_is(panda: Rob
     assert np.abs(loop.pose() - goal).max() < 1e-5
 
 
-def test_stamps_of_another_clock_are_noticed_and_arrival_counts(panda: Robot) -> None:
+def test_stamps_of_another_clock_are_detected_and_the_time_of_arrival_is_used(panda: Robot) -> None:
     loop = loop_of(panda)
     pose = loop.pose()
     pose[1, 3] += 0.05
@@ -459,7 +461,7 @@ def test_limits_that_do_not_fit_the_robot_are_refused(panda: Robot) -> None:
     assert controller.settings == Settings()
 
 
-def test_a_prefix_stands_before_the_names_of_the_joints() -> None:
+def test_a_prefix_is_prepended_to_the_joint_names() -> None:
     robot = catalogue.robot_from_settings(ArmSettings(robot="ur5", joint_prefix="left_"))
     assert robot.joints[0] == "left_shoulder_pan_joint"
     loop = loop_of(robot)
@@ -486,29 +488,29 @@ def test_a_timed_path_is_followed_through_its_poses_and_then_held(panda: Robot) 
     loop.run(0.5)
     assert loop.controller.status.reason != "no target yet"
     loop.run(11.5)
-    assert "target_path is done" in loop.controller.status.reason
+    assert "target_path has ended" in loop.controller.status.reason
     assert loop.mode() is Mode.HOLDING
     assert np.abs(loop.pose() - poses[-1]).max() < 1e-5
     stamps = np.array(path.stamps_ns) - (loop.now.ros_ns - loop.now.monotonic_ns)
     times = np.array([step.state_time_ns for step in loop.steps])
     for stamp, pose in list(zip(stamps, poses, strict=True))[4:-4:4]:
         step = loop.steps[int(np.argmin(np.abs(times - stamp)))]
-        assert np.abs(step.pose_sb[:3, 3] - pose[:3, 3]).max() < 5e-4, "on its poses at their times"
+        assert np.abs(step.pose_sb[:3, 3] - pose[:3, 3]).max() < 5e-4, "at its poses at their times"
     assert max(step.path_distance for step in loop.steps[600:] if np.isfinite(step.path_distance)) < 1e-5
 
 
-def test_a_path_that_limits_slow_down_is_kept_and_takes_longer(panda: Robot) -> None:
+def test_a_path_slowed_by_limits_keeps_its_shape_and_takes_longer(panda: Robot) -> None:
     loop = loop_of(panda, limits__velocity_fraction=0.06)
     trajectory = figure_of_eight(loop.pose())
     loop.controller.on_target_path(path_through(loop, [trajectory.pose(0.25 * i) for i in range(41)], 0.25), loop.now)
     loop.run(40.0)
-    assert "target_path is done" in loop.controller.status.reason
+    assert "target_path has ended" in loop.controller.status.reason
     assert any(step.scale < 1.0 for step in loop.steps)
     distances = [step.path_distance for step in loop.steps if np.isfinite(step.path_distance)]
     assert max(distances) < 2e-4
 
 
-def test_jogging_moves_as_told_and_ends_with_its_silence(panda: Robot) -> None:
+def test_jogging_follows_the_twist_and_ends_when_no_twist_arrives(panda: Robot) -> None:
     loop = loop_of(panda)
     begin = loop.pose()
     turn = TwistSample(0, "panda_hand_tcp", np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5]))
@@ -537,8 +539,8 @@ def test_a_path_is_refused_while_the_arm_is_paused(panda: Robot) -> None:
         loop.controller.on_target_path(path, loop.now)
 
 
-def test_a_path_goes_on_where_it_was_when_the_robot_follows_again(panda: Robot) -> None:
-    """Nobody listens for a while: the path's time stands still, and it is done later but wholly."""
+def test_a_path_continues_when_the_robot_follows_again(panda: Robot) -> None:
+    """No subscriber for some time: the path is paused, and completed later without a part missing."""
     loop = loop_of(panda)
     trajectory = figure_of_eight(loop.pose())
     loop.controller.on_target_path(path_through(loop, [trajectory.pose(0.5 * i) for i in range(21)], 0.5), loop.now)
@@ -551,13 +553,13 @@ def test_a_path_goes_on_where_it_was_when_the_robot_follows_again(panda: Robot) 
     assert loop.mode() is Mode.TRACKING
     assert loop.steps[-1].progress == pytest.approx(before, abs=0.1)
     loop.run(12.0)
-    assert "target_path is done" in loop.controller.status.reason
+    assert "target_path has ended" in loop.controller.status.reason
     rate = np.abs(np.diff([step.joint_velocity for step in loop.steps], axis=0)).max() * NS / loop.period_ns
     assert rate <= 10.0 * (1 + 1e-9)
 
 
-def test_integral_action_takes_out_what_a_biased_arm_leaves(panda: Robot) -> None:
-    """An arm that drifts by itself: proportional feedback leaves an error, integral action none."""
+def test_integral_action_removes_the_error_of_a_biased_arm(panda: Robot) -> None:
+    """An arm with constant drift: proportional feedback leaves a steady-state error, integral action none."""
     left = []
     for gain in (0.0, 10.0):
         loop = loop_of(panda, integral_gain=(gain, gain), follow__enabled=False)

@@ -1,4 +1,4 @@
-"""Integral action: a steady disturbance leaves nothing over; nothing winds up where the arm cannot follow.
+"""Integral action: no steady-state error under a constant disturbance; no windup while the arm cannot follow.
 
 The plant is the error itself: e' = disturbance - K_p e - K_i z, stepped at 500 Hz; what is not the integral's business
 (kinematics, limits) is tested elsewhere.
@@ -30,14 +30,14 @@ def run(control: ControlSettings, duration_s: float, frozen: bool = False, start
     return np.array(found)
 
 
-def test_a_steady_disturbance_leaves_nothing_over() -> None:
+def test_a_constant_disturbance_leaves_no_error() -> None:
     with_it, without = run(CONTROL, 5.0), run(ControlSettings(), 5.0)
     assert np.abs(without[-1] - DISTURBANCE / 10.0).max() < 1e-9
     assert np.abs(with_it[-1]).max() < 1e-8
 
 
 def test_up_to_a_quarter_of_the_squared_gain_it_does_not_oscillate() -> None:
-    """Beside the target at the start, the integral gives back what it took meanwhile: exp(-2) of the start, once."""
+    """From an initial error, the overshoot is exp(-2) of the initial error, once, due to the integral term."""
     control = ControlSettings(integral_gain=(25.0, 25.0))
     start = np.array([0.01, 0.0, 0.0, 0.0, 0.02, 0.0])
     response = (run(control, 4.0, start=start) - run(control, 4.0))[:, 0] / start[0]
@@ -52,7 +52,7 @@ def test_by_default_there_is_none() -> None:
 
 
 @pytest.mark.parametrize("frozen", [False, True])
-def test_it_stands_still_while_the_arm_cannot_follow(frozen: bool) -> None:
+def test_z_is_constant_while_frozen(frozen: bool) -> None:
     action = IntegralAction()
     error = np.array([0.01, 0.0, 0.0, 0.0, 0.01, 0.0])
     before = action.twist(error, 0.1, False, CONTROL)
@@ -60,7 +60,7 @@ def test_it_stands_still_while_the_arm_cannot_follow(frozen: bool) -> None:
     assert np.array_equal(before, after) == frozen
 
 
-def test_it_stands_still_while_the_feedback_is_capped_and_each_half_for_itself() -> None:
+def test_z_is_constant_while_the_feedback_is_saturated_for_each_part_separately() -> None:
     action = IntegralAction()
     far = np.array([0.2, 0.0, 0.0, 0.0, 0.01, 0.0])
     twist = action.twist(far, 0.1, False, CONTROL)
@@ -68,7 +68,7 @@ def test_it_stands_still_while_the_feedback_is_capped_and_each_half_for_itself()
     assert twist[4] > 0.0
 
 
-def test_what_it_asks_for_is_capped() -> None:
+def test_the_integral_twist_is_bounded() -> None:
     action = IntegralAction()
     for _ in range(10_000):
         twist = action.twist(np.array([0.03, 0.04, 0.0, 0.0, 0.0, -0.1]), STEP_S, False, CONTROL)
@@ -78,7 +78,7 @@ def test_what_it_asks_for_is_capped() -> None:
     assert not action.value.any()
 
 
-def test_its_memory_goes_elsewhere() -> None:
+def test_a_snapshot_is_restored_in_another_object() -> None:
     one, other = IntegralAction(), IntegralAction()
     one.twist(np.full(6, 0.01), 0.1, False, CONTROL)
     restore(other, capture(one, IntegralSnapshot))

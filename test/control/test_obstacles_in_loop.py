@@ -1,4 +1,4 @@
-"""Obstacles that arrive while the arm moves: seen, kept away from, and forgotten again. In one process.
+"""Obstacles that are added and removed while the arm moves: avoided, and ignored after removal. In one process.
 
 What the distances are is tested in test_collision.py, the optimum with dampers in test_bounded.py.
 """
@@ -29,7 +29,7 @@ def ball(position: object, radius: float = 0.05, lifetime_ns: int = 0, frame: st
 
 
 def reach_down(robot: Robot, obstacle: ObstacleSample | None, **values: object) -> Loop:
-    """The tool is asked to go 0.25 m down."""
+    """The target is 0.25 m below the tool."""
     loop = Loop(robot, READY["panda"], Settings().with_values(values))
     loop.run(0.05)
     if obstacle is not None:
@@ -43,7 +43,7 @@ def reach_down(robot: Robot, obstacle: ObstacleSample | None, **values: object) 
     return loop
 
 
-def test_an_obstacle_in_the_way_stops_the_arm_before_contact_and_its_end_lets_it_go_on(panda: Robot) -> None:
+def test_an_obstacle_on_the_path_stops_the_arm_before_contact_until_it_is_removed(panda: Robot) -> None:
     free = reach_down(panda, None)
     start, end = free.steps[0].pose_sb, free.steps[-1].pose_sb
     assert start[2, 3] - end[2, 3] > 0.24
@@ -60,7 +60,7 @@ def test_an_obstacle_in_the_way_stops_the_arm_before_contact_and_its_end_lets_it
     assert np.abs(loop.pose()[:3, 3] - end[:3, 3]).max() < 1e-3
 
 
-def test_an_obstacle_with_a_lifetime_vanishes(panda: Robot) -> None:
+def test_an_obstacle_with_a_lifetime_is_removed(panda: Robot) -> None:
     loop = Loop(panda, READY["panda"])
     loop.run(0.05)
     near = loop.pose()[:3, 3] + (0.0, 0.0, -0.09)
@@ -71,21 +71,21 @@ def test_an_obstacle_with_a_lifetime_vanishes(panda: Robot) -> None:
     assert "test/1" not in loop.steps[-1].closest_pair
 
 
-def test_without_geometry_the_rest_works_and_the_status_says_so(panda: Robot) -> None:
+def test_without_geometry_the_rest_works_and_the_status_reports_it(panda: Robot) -> None:
     values = {"obstacles.geometry": "none", "method": "obstacle_gradient"}
     loop = reach_down(panda, ball((0.3, 0.0, 0.3)), **values)
-    assert "sees no obstacles" in loop.controller.status.reason
+    assert "no distances are computed" in loop.controller.status.reason
     assert np.isnan(loop.steps[-1].clearance)
     assert loop.steps[0].pose_sb[2, 3] - loop.pose()[2, 3] > 0.24
 
 
-def test_a_six_joint_arm_says_that_the_gradient_has_no_effect() -> None:
+def test_the_status_of_a_six_joint_arm_reports_that_the_gradient_has_no_effect() -> None:
     loop = Loop(make_robot("ur5"), READY["ur5"], Settings().with_values({"method": "obstacle_gradient"}))
     loop.run(0.05)
     assert "no null space" in loop.controller.status.reason
 
 
-def test_obstacles_that_cannot_be_used_are_refused_by_name_and_the_others_count(panda: Robot) -> None:
+def test_invalid_obstacles_are_refused_by_name_and_the_others_used(panda: Robot) -> None:
     loop = Loop(panda, READY["panda"])
     loop.run(0.05)
     good = ball(loop.pose()[:3, 3] + (0.0, 0.0, -0.09))
@@ -102,8 +102,8 @@ def test_obstacles_that_cannot_be_used_are_refused_by_name_and_the_others_count(
     assert "obstacle refused" in loop.controller.status.reason
 
 
-def test_markers_are_understood() -> None:
-    """CUBE, SPHERE, CYLINDER, DELETE and DELETEALL as rviz has them."""
+def test_markers_are_decoded() -> None:
+    """CUBE, SPHERE, CYLINDER, DELETE and DELETEALL as in rviz."""
 
     def marker(kind: int, action: int, size: tuple[float, float, float]) -> object:
         point = make("geometry_msgs/msg/Point", x=0.1, y=0.2, z=0.3)

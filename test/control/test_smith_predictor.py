@@ -1,6 +1,6 @@
-"""Arms that answer late: the model of it against the simulator, and what the control law gains by looking ahead.
+"""Arms with delay and lag: the predictor against the simulator, and the tracking error with and without prediction.
 
-The simulator integrates on its own; the model only ever hears commands. Closed loops run the real controller.
+The simulator is independent of the predictor, which receives commands only. Closed loops run the real controller.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ WIDE = JointLimits(np.full(3, -1e3), np.full(3, 1e3), np.full(3, 1e3))
 
 
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(0.02, 0.002), (0.02, 0.0), (0.0, 0.013), (0.1, 0.05), (0.0, 0.0)])
-def test_the_lead_is_the_way_that_the_arm_still_goes_when_told_to_stop(lag_s: float, delay_s: float) -> None:
-    """Random commands at uneven times, then zero: where the simulated arm comes to rest, to rounding."""
+def test_the_predicted_offset_is_the_motion_after_a_stop_command(lag_s: float, delay_s: float) -> None:
+    """Random commands at uneven times, then zero: the simulated arm comes to rest at the prediction, to rounding."""
     rng = np.random.default_rng(1)
     arm = SimulatedArm(np.zeros(3), WIDE, 0, ArmModel(lag_s=lag_s, delay_s=delay_s))
     late = SmithPredictor(3, ControlSettings(arm_lag_s=lag_s, arm_delay_s=delay_s))
@@ -36,16 +36,16 @@ def test_the_lead_is_the_way_that_the_arm_still_goes_when_told_to_stop(lag_s: fl
         arm.command(command, time_ns)
         late.command(command, time_ns)
     time_ns += 3_000_000
-    lead, here = late.predicted_offset(time_ns).copy(), arm.advance(time_ns)[0]
+    offset, position = late.predicted_offset(time_ns).copy(), arm.advance(time_ns)[0]
     arm.command(np.zeros(3), time_ns)
     rest = arm.advance(time_ns + 10 * NS)[0]
-    assert rest - here == pytest.approx(lead, abs=1e-9)
-    assert bool(lead.any()) == (lag_s + delay_s > 0.0)
+    assert rest - position == pytest.approx(offset, abs=1e-9)
+    assert bool(offset.any()) == (lag_s + delay_s > 0.0)
     late.command(np.zeros(3), time_ns)
-    assert np.abs(late.predicted_offset(time_ns + 10 * NS)).max() < 1e-9, "at rest nothing is ahead"
+    assert np.abs(late.predicted_offset(time_ns + 10 * NS)).max() < 1e-9, "the offset is zero at rest"
 
 
-def test_the_model_goes_on_from_its_memory() -> None:
+def test_a_snapshot_is_restored_in_another_object() -> None:
     rng, late = np.random.default_rng(2), SmithPredictor(3, ControlSettings(arm_lag_s=0.03, arm_delay_s=0.01))
     for tick in range(50):
         late.command(rng.normal(size=3), tick * 2_000_000)
@@ -55,7 +55,7 @@ def test_the_model_goes_on_from_its_memory() -> None:
 
 
 def circle(home: Array, time_s: float) -> Array:
-    """0.24 m across at 0.15 m/s, from rest."""
+    """Circle of 0.24 m diameter at 0.15 m/s, from rest."""
     angle = 1.25 * (time_s - 0.5 * np.tanh(2.0 * time_s))
     around = np.array([0.12 * np.sin(angle), 0.12 * (1.0 - np.cos(angle)), 0.0, 0.0, 0.0, 0.0])
     return np.asarray(home @ se3.exp(around))
@@ -69,17 +69,17 @@ def errors(**values: float) -> tuple[Array, Loop]:
     return np.array([np.linalg.norm(step.error_b[:3]) for step in loop.steps])[1000:], loop
 
 
-def test_looking_ahead_brings_a_late_arm_to_its_target() -> None:
-    """At the default gains, five times nearer; and no more restless."""
-    blind, before = errors()
-    seeing, after = errors(arm_lag_s=0.02, arm_delay_s=0.002)
-    assert np.sqrt((seeing**2).mean()) < 0.2 * np.sqrt((blind**2).mean())
+def test_prediction_reduces_the_tracking_error_of_an_arm_with_lag() -> None:
+    """At the default gains, to less than a fifth; and the changes of the command are not twice as large."""
+    without, before = errors()
+    predicted, after = errors(arm_lag_s=0.02, arm_delay_s=0.002)
+    assert np.sqrt((predicted**2).mean()) < 0.2 * np.sqrt((without**2).mean())
     changes = [np.abs(np.diff([s.joint_velocity for s in loop.steps[1000:]], axis=0)).max() for loop in (before, after)]
     assert changes[1] < 2.0 * changes[0]
 
 
-def test_a_late_arm_that_turns_round_again_and_again_is_not_taken_for_one_that_does_not_follow() -> None:
-    """Where it ends after a quarter of a second has little to do with where it was told; how it went there has."""
+def test_an_arm_with_lag_that_reverses_often_counts_as_following() -> None:
+    """The end points of the short window differ much from the commanded ones; the motion between them does not."""
     loop = Loop(make_robot("panda"), READY["panda"], None, LATE)
     loop.run(0.05)
     home = loop.pose()
@@ -94,14 +94,14 @@ def test_a_late_arm_that_turns_round_again_and_again_is_not_taken_for_one_that_d
     assert {step.status.mode for step in loop.steps[10:]} <= {Mode.TRACKING, Mode.HOLDING}
 
 
-@pytest.mark.parametrize("part", [0.0, 0.3])
-def test_one_that_does_not_follow_to_and_fro_is_noticed(part: float) -> None:
-    """Standing, or at 30 % of its speed: stopped within a second, the reason said."""
+@pytest.mark.parametrize("ratio", [0.0, 0.3])
+def test_a_robot_that_does_not_follow_a_reversing_motion_is_detected(ratio: float) -> None:
+    """Standing still, or at 30 % of the speed: stopped within a second, with the reason."""
     loop = Loop(make_robot("panda"), READY["panda"])
     loop.run(0.05)
-    home, said = loop.pose(), list[str]()
+    home = loop.pose()
     arm, command = loop.arm, loop.arm.command
-    arm.command = lambda velocity, time_ns: command(part * velocity, time_ns)  # type: ignore[method-assign]
+    arm.command = lambda velocity, time_ns: command(ratio * velocity, time_ns)  # type: ignore[method-assign]
 
     def to_and_fro(time_s: float) -> Array:
         pose: Array = home.copy()
@@ -109,6 +109,6 @@ def test_one_that_does_not_follow_to_and_fro_is_noticed(part: float) -> None:
         return pose
 
     loop.follow(to_and_fro, 1.0, 60.0)
-    said = [step.status.reason for step in loop.steps if step.status.mode is Mode.STOPPED]
-    assert said
-    assert ("does not move" if part == 0.0 else "moves less than commanded") in said[-1]
+    reasons = [step.status.reason for step in loop.steps if step.status.mode is Mode.STOPPED]
+    assert reasons
+    assert ("does not move" if ratio == 0.0 else "moves less than commanded") in reasons[-1]

@@ -1,7 +1,7 @@
-"""Nothing is compiled while an arm moves: after a rehearsal, recorded runs of every kind, and targets of every kind on
-an arm of another build, find everything compiled.
+"""No function is compiled while an arm moves: after the warm-up, recorded runs of every kind, and targets of every kind
+on other arms, find every function compiled.
 
-Each run has a process of its own: what another run or test has compiled would hide what this one lacks.
+Each run has its own process, because functions compiled by another run or test would hide missing ones.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ print(compiled, len(loop.steps), compilation_count() - before)
 
 
 @pytest.mark.parametrize("robot", ["z1", pytest.param("talos_arm", marks=pytest.mark.exhaustive), "kinova"])
-def test_every_kind_of_target_finds_everything_compiled(robot: str) -> None:
+def test_every_kind_of_target_finds_every_function_compiled(robot: str) -> None:
     _nothing_late([sys.executable, "-c", LOOP, str(PROJECT / "test"), robot])
 
 
 @pytest.mark.parametrize("bag", BAGS, ids=lambda path: path.name)
-def test_a_recorded_run_finds_everything_compiled(bag: Path) -> None:
+def test_a_recorded_run_finds_every_function_compiled(bag: Path) -> None:
     _nothing_late([sys.executable, "-c", PROGRAM, str(bag)])
 
 

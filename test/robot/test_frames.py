@@ -43,8 +43,8 @@ def holding() -> Loop:
     return loop
 
 
-def test_a_target_in_a_frame_that_tf_knows_is_followed_where_that_frame_is() -> None:
-    """Unknown before the answer, with the frames that there are; within 10 um of the pose in {s} after it."""
+def test_a_target_in_an_external_frame_is_followed() -> None:
+    """Refused with the list of frames before its pose arrives; followed within 10 um after that."""
     loop = holding()
     goal = loop.pose()
     goal[:3, 3] += (0.02, -0.03, 0.01)
@@ -58,7 +58,7 @@ def test_a_target_in_a_frame_that_tf_knows_is_followed_where_that_frame_is() -> 
     assert np.abs(loop.pose() - goal).max() < 1e-5
 
 
-def test_jogging_in_the_axes_of_a_frame_that_tf_knows() -> None:
+def test_jogging_in_the_axes_of_an_external_frame() -> None:
     loop = holding()
     begin = loop.pose()
     loop.controller.on_transform(transform(CAMERA), loop.now)
@@ -71,7 +71,7 @@ def test_jogging_in_the_axes_of_a_frame_that_tf_knows() -> None:
 
 
 def test_transforms_are_part_of_the_snapshot() -> None:
-    """A recording that starts in the middle has them, through JSON."""
+    """A recording that starts in the middle of a run contains them, as JSON."""
     loop = holding()
     loop.controller.on_transform(transform(CAMERA), loop.now)
     state = from_json(to_json(loop.controller.capture()), ControllerSnapshot)
@@ -94,7 +94,7 @@ def test_a_transform_that_is_not_a_pose_is_refused(text: str) -> None:
 
 
 def test_a_frame_of_the_model_cannot_be_moved_by_a_transform() -> None:
-    """tf may know the robot's own frames, later than the last joint state: the model's count."""
+    """tf may publish the robot's own frames, later than the last joint state; the poses of the model are used."""
     loop = holding()
     loop.controller.on_transform(transform(CAMERA).replace("camera", "panda_link3"), loop.now)
     assert "panda_link3" not in loop.controller.capture().frames.transforms
@@ -111,8 +111,8 @@ def test_the_frames_of_every_input_are_found() -> None:
     assert frames_of("camera") == ()
 
 
-def test_tf_is_asked_and_what_it_said_before_is_not_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With tf2_ros: one answer per change, none for frames that are not connected. Without it: none at all."""
+def test_tf_is_looked_up_and_only_changes_are_returned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With tf2_ros: one pose per change, none for unconnected frames. Without it: none."""
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
     assert not list(Transforms(None).lookup("base", ["camera"]))
 

@@ -47,7 +47,7 @@ def hostile_choice(rng: np.random.Generator, tick: int, bounds: JointBounds) -> 
 
 @pytest.mark.parametrize("dt_max_s", [0.001, 0.01, 0.05])
 def test_no_limit_is_ever_broken_and_the_box_is_never_empty(dt_max_s: float) -> None:
-    """The promise of the module: starts at rest inside the limits, holds of any length up to dt_max."""
+    """The property the module guarantees: from rest inside the limits, with commands held for any time up to dt_max."""
     rng = np.random.default_rng(1)
     limits = lanes(rng, dt_max_s)
     q, inside = np.zeros(LANES), np.isfinite(limits.lower)
@@ -56,7 +56,7 @@ def test_no_limit_is_ever_broken_and_the_box_is_never_empty(dt_max_s: float) -> 
     for tick in range(1500):
         bounds = joint_bounds(limits, q, v, elapsed_s)
         assert (bounds.lo <= bounds.hi).all()
-        # Never empty before rounding either: nothing had to give way.
+        # Never empty before rounding either: nothing was relaxed.
         assert relaxed(bounds, tuple(map(str, range(LANES)))) == ()
         new = hostile_choice(rng, tick, bounds)
         assert (np.abs(new - v) <= limits.acceleration * elapsed_s + 1e-12).all()
@@ -84,8 +84,8 @@ def test_the_speed_is_the_inverse_of_the_stopping_distance() -> None:
     assert viable_speed(np.array([-1.0, 0.0]), 1.0, 0.01).tolist() == [0.0, 0.0]
 
 
-def test_the_bound_is_as_high_as_can_be() -> None:
-    """A bound may be safe because it is timid. At a speed 1e-6 above vbar the longest holds already overshoot."""
+def test_the_bound_is_tight() -> None:
+    """The bound is not conservative: at a speed 1e-6 above vbar, commands held for dt_max overshoot."""
     distance, acceleration, hold_s = 0.3, 10.0, 0.01
     q, v = 0.0, float(viable_speed(np.array([distance]), acceleration, hold_s)[0]) + 1e-6
     while v > 0.0:
@@ -93,8 +93,8 @@ def test_the_bound_is_as_high_as_can_be() -> None:
     assert q > distance + 1e-9
 
 
-def test_outside_a_limit_it_comes_back_at_bounded_speed_and_stays() -> None:
-    """Real arms start outside. Motion outward gets no further than braking needs, the way back is at recovery_speed."""
+def test_a_joint_outside_a_limit_returns_at_bounded_speed_and_stays_inside() -> None:
+    """Arms may start outside. Outward motion stops within the braking distance; the return is at recovery_speed."""
     rng = np.random.default_rng(3)
     limits = MotionLimits(
         np.full(LANES, -1.0), np.full(LANES, 1.0), np.full(LANES, 3.0), np.full(LANES, 10.0), 0.01, 0.1
@@ -125,7 +125,7 @@ def test_outside_a_limit_it_comes_back_at_bounded_speed_and_stays() -> None:
 
 
 def test_inward_motion_is_always_allowed_outside() -> None:
-    """At any excess, the box still holds speeds that lead back faster than it asks for."""
+    """At any excess, the box contains speeds that lead back faster than required."""
     limits = MotionLimits(np.array([-1.0]), np.array([1.0]), np.array([3.0]), np.array([10.0]), 0.01, 0.1)
     for excess in (1e-12, 1e-3, 2.0):
         bounds = joint_bounds(limits, np.array([1.0 + excess]), np.array([0.0]), 0.002)
@@ -134,7 +134,7 @@ def test_inward_motion_is_always_allowed_outside() -> None:
 
 
 def test_priorities_and_names() -> None:
-    """Velocity before acceleration before position, and each side of the box says which limit made it."""
+    """Velocity before acceleration before position, and each side of the box names the limit that determines it."""
     limits = MotionLimits(np.full(4, -1.0), np.full(4, 1.0), np.full(4, 2.0), np.full(4, 10.0), 0.01, 0.1)
     # At rest in the middle; near the upper limit; too fast for it; faster than the velocity limit.
     q, v = np.array([0.0, 0.9999, 0.9999, 0.0]), np.array([0.0, 0.0, 1.5, 2.5])
@@ -152,7 +152,7 @@ def test_priorities_and_names() -> None:
 
 
 def test_a_hold_longer_than_dt_max_counts_as_dt_max() -> None:
-    """The allowed change must not grow with a stall: the watchdog deals with those."""
+    """The admissible change must not grow with a stalled loop; the watchdog handles those."""
     limits = MotionLimits(np.array([-9.0]), np.array([9.0]), np.array([9.0]), np.array([10.0]), 0.01, 0.1)
     assert joint_bounds(limits, np.zeros(1), np.zeros(1), 5.0).hi[0] == pytest.approx(0.1)
     assert joint_bounds(limits, np.zeros(1), np.zeros(1), -1.0).hi[0] == 0.0

@@ -270,7 +270,7 @@ def test_robots_with_grippers_load_and_their_fingers_follow(name: str) -> None:
         ('<mimic joint="nobody"/>', "joint 'joint3' mimics 'nobody', which does not exist"),
         ('<mimic joint="joint3"/>', "mimics itself in a circle"),
         ('<mimic joint="nod6"/>', "mimics itself in a circle"),
-        ('<mimic joint="joint1" multiplier="two"/>', "not a URDF"),
+        ('<mimic joint="joint1" multiplier="two"/>', "not a valid URDF"),
     ],
 )
 def test_what_cannot_be_followed_is_refused(tag: str, words: str) -> None:

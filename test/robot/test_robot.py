@@ -53,7 +53,7 @@ def test_mass_matrix_and_gravity_belong_to_one_energy(name: str) -> None:
         assert np.abs(hessian - hessian.T).max() < 1e-6
 
 
-def test_joints_may_come_in_any_order_and_be_a_part() -> None:
+def test_joints_may_be_a_subset_in_any_order() -> None:
     usual = make_robot("kinova")
     order = [3, 0, 5, 1, 4, 2]
     mixed = catalogue.robot_from_settings(ArmSettings(robot="kinova", joints=tuple(usual.joints[i] for i in order)))
@@ -82,7 +82,9 @@ def test_a_rotated_and_offset_base_only_changes_where_poses_are_seen_from() -> N
     table = robot.frame_pose(q, "base_link")
     assert np.abs(table @ world.pose(q) - robot.pose(q)).max() < 1e-12
     assert np.abs(table[:3, 3]).max() > 0.1
-    assert np.array_equal(robot.evaluate(q).jacobian_b, world.evaluate(q).jacobian_b), "the body Jacobian does not care"
+    assert np.array_equal(robot.evaluate(q).jacobian_b, world.evaluate(q).jacobian_b), (
+        "the body Jacobian does not depend on the base"
+    )
 
 
 def test_continuous_joints_have_no_limits_and_the_short_way_round() -> None:
@@ -95,7 +97,7 @@ def test_continuous_joints_have_no_limits_and_the_short_way_round() -> None:
     assert np.abs(robot.difference(q, q + turn + 0.1) - 0.1).max() < 1e-12
 
 
-def test_fingers_beyond_the_tool_are_held() -> None:
+def test_fingers_beyond_the_tool_are_fixed() -> None:
     assert all("finger" not in name for name in make_robot("panda").joints)
 
 
@@ -120,8 +122,8 @@ def test_limits_that_are_not_stated_are_infinite() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
-        ({"urdf": "no urdf"}, RobotError, "not a URDF"),
-        ({"urdf": ""}, RobotError, "not a URDF"),
+        ({"urdf": "no urdf"}, RobotError, "not a valid URDF"),
+        ({"urdf": ""}, RobotError, "not a valid URDF"),
         ({"base_frame": "floor"}, UnknownNameError, "unknown frame 'floor'; valid: .*base_link"),
         ({"tip_frame": "nose"}, UnknownNameError, "unknown frame 'nose'"),
         ({"joints": ("knee",)}, UnknownNameError, "unknown joint 'knee'; valid: .*elbow_joint"),
@@ -131,7 +133,7 @@ def test_limits_that_are_not_stated_are_infinite() -> None:
         ({"base_frame": "tool0", "tip_frame": "shoulder_link"}, RobotError, "not between the root and tip"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_name(
+def test_invalid_arguments_are_refused_by_name(
     arguments: dict[str, object], error: type[Exception], words: str
 ) -> None:
     usual: dict[str, object] = {"urdf": catalogue.read_urdf(catalogue.find("ur5"))}
@@ -146,7 +148,7 @@ def test_an_unknown_robot_is_refused_with_the_list() -> None:
         catalogue.robot_from_settings(ArmSettings())
 
 
-def test_the_parameter_goes_before_the_name_and_the_name_before_the_topic() -> None:
+def test_precedence_is_description_then_name_then_topic() -> None:
     urdf = catalogue.read_urdf(catalogue.find("ur5"))
     assert (
         catalogue.robot_from_settings(ArmSettings(robot="panda", robot_description=urdf)).joints[0]

@@ -1,5 +1,5 @@
-"""SRDFs: where they come from, which pairs they disable, and that all that is wrong with them is said. What the pairs
-are then used for stands in test_collision.py."""
+"""SRDFs: where they come from, which pairs they disable, and the errors of invalid ones. The use of the pairs
+is tested in test_collision.py."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ TEXT = """<?xml version="1.0" encoding="UTF-8"?>
 PANDA = ArmSettings(robot="panda")
 
 
-def test_text_file_and_shipped_name_the_same(tmp_path: Path) -> None:
-    """The shipped panda's, three ways: the same pairs; and a recording would hold the text, not the path."""
+def test_text_file_and_shipped_are_equivalent(tmp_path: Path) -> None:
+    """The SRDF of the panda in three ways gives the same pairs, and the settings contain the text, not the path."""
     shipped = srdf.shipped(PANDA)
     assert shipped.name == "panda.srdf"
     copy = tmp_path / "mine.srdf"
@@ -39,7 +39,7 @@ def test_text_file_and_shipped_name_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "talos_arm", "kinova", "z1"])
 def test_shipped_ones_fit_their_arms(name: str) -> None:
-    """No watched pair is in lasting contact, else the arm could not move; kinova's and z1's disable nothing."""
+    """No watched pair is in permanent contact, which would block the arm; those of kinova and z1 disable no pair."""
     arm = ArmSettings(robot=name)
     robot, text = catalogue.robot_from_settings(arm), srdf.read_srdf("shipped", arm)
     geometry = collision_geometry.load(robot, srdf=text)
@@ -80,7 +80,7 @@ def test_pairs_disabled_by_default_and_enabled_again() -> None:
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused(wanted: str, arm: ArmSettings, words: str) -> None:
+def test_invalid_sources_are_refused(wanted: str, arm: ArmSettings, words: str) -> None:
     with pytest.raises(SettingsError, match=r"obstacles\.srdf|example-robot-data") as caught:
         srdf.read_srdf(wanted, arm)
     assert words in str(caught.value)

@@ -34,7 +34,7 @@ def folder(name: str) -> tuple[str, list[str]]:
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Cartesian velocity control of robot arms, recorded to MCAP",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),

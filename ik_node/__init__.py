@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from ik_node.robot.simulated_arm import SimulatedArm
     from ik_node.settings.groups import Settings
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "METHODS",
     "CollisionUnavailableError",

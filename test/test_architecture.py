@@ -1,9 +1,11 @@
-"""The direction of imports, and that the package's files say the same: what keeps the house in order."""
+"""The order of the package: folders, the direction of imports, and files that have to agree with each other."""
 
 from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,14 +14,31 @@ from support import PROJECT
 
 import ik_node
 from ik_node.control.controller import Controller
-from ik_node.robot.catalogue import robot_from
+from ik_node.robot.catalogue import robot_from_settings
 from ik_node.settings.groups import Settings, describe
 from ik_node.settings.parameter_file import read_settings
 
 PACKAGE = PROJECT / "ik_node"
 MODULES = sorted(PACKAGE.rglob("*.py"))
+FLOORS = (
+    ("cli",),
+    ("ros",),
+    ("replay", "viewer"),
+    ("report",),
+    ("recording",),
+    ("control",),
+    ("differential_ik", "messages", "targets"),
+    ("collision", "inverse_kinematics"),
+    ("robot", "trajectory"),
+    ("interfaces",),
+    ("math", "resources", "settings"),
+    ("errors", "jit"),
+)
+"""Every folder and loose file of the package, top floor first. A module imports from its own folder and from the floors
+below it; folders of one floor do not import each other."""
+FLOOR = {room: number for number, floor in enumerate(FLOORS) for room in floor}
+MAX_LINES = 400
 ROS = re.compile(r"^(rclpy|builtin_interfaces|tf2_ros|.*_(msgs|interfaces)|std_srvs)(\.|$)")
-CLOCKS = re.compile(r"\b(time|monotonic|monotonic_ns|perf_counter|time_ns|now|today)\(")
 
 
 def name_of(path: Path) -> str:
@@ -37,37 +56,34 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-def layer(module: str) -> str:
-    """``ros``, ``cli`` or ``core``."""
-    part = module.split(".")[1:2]
-    return part[0] if part and part[0] in ("ros", "cli") else "core"
+def room_of(module: str) -> str:
+    """Folder or loose file of a module of the package; empty for the package itself."""
+    return module.split(".")[1] if module.startswith("ik_node.") else ""
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_imports_run_one_way(path: Path) -> None:
-    mine = layer(name_of(path))
+ROOMS = [path for path in MODULES if room_of(name_of(path))]
+"""All modules but ``ik_node/__init__.py``, which imports lazily what it exports."""
+
+
+def test_every_module_stands_on_a_floor() -> None:
+    loose = {path.name for path in PACKAGE.iterdir() if path.is_file()}
+    assert loose == {"__init__.py", "errors.py", "jit.py", "py.typed", "resources.py"}
+    assert {room_of(name_of(path)) for path in ROOMS} == FLOOR.keys()
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=name_of)
+def test_imports_run_downwards(path: Path) -> None:
+    room = room_of(name_of(path))
     for module in imports(path):
         if ROS.match(module):
-            assert mine in ("ros", "cli"), f"{module} belongs into ros/"
-        if module.startswith("ik_node."):
-            theirs = layer(module)
-            order = ("core", "ros", "cli")
-            assert order.index(theirs) <= order.index(mine), f"{name_of(path)} imports {module}, which stands above it"
-
-
-@pytest.mark.parametrize("path", [path for path in MODULES if layer(name_of(path)) == "core"], ids=name_of)
-def test_no_clock_is_read_below_ros(path: Path) -> None:
-    if path.parent.name == "benchmark":
-        pytest.skip("measuring time is its purpose")
-    tree = ast.parse(path.read_text())
-    timed = {
-        alias.asname or alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
-    }
-    assert not timed & {"time", "datetime"}, "time is an argument"
+            assert room in ("ros", "cli"), f"{module} belongs into ros/"
+        other = room_of(module)
+        if other in FLOOR and other != room:
+            assert FLOOR[other] > FLOOR[room], f"{name_of(path)} imports {module}, which does not stand below it"
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:
-    graph = {name_of(path): {m for m in imports(path) if m.startswith("ik_node")} for path in MODULES}
+    graph = {name_of(path): {m for m in imports(path) if room_of(m)} for path in ROOMS}
     done: set[str] = set()
 
     def visit(module: str, trail: tuple[str, ...]) -> None:
@@ -80,6 +96,59 @@ def test_no_module_imports_itself_in_a_circle() -> None:
 
     for module in graph:
         visit(module, ())
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_modules_are_short(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= MAX_LINES
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in ROOMS} - {PACKAGE}), ids=lambda path: path.name)
+def test_every_folder_says_what_it_is_for(folder: Path) -> None:
+    text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    assert text is not None
+    assert len(text) > 200, "what the folder is for, and how data goes through it"
+
+
+def test_no_class_name_stands_twice() -> None:
+    names = Counter(
+        node.name
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_tests_stand_in_the_folders_of_the_package() -> None:
+    folders = {path.parent.relative_to(PROJECT / "test").as_posix() for path in (PROJECT / "test").rglob("test_*.py")}
+    package = {path.parent.relative_to(PACKAGE).as_posix() for path in ROOMS}
+    assert folders - {".", "benchmarks", "examples"} <= package
+
+
+def _private_names(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr):
+            owner = node.value.id if isinstance(node.value, ast.Name) else ""
+            if owner not in ("self", "cls") and node.attr not in ("_replace", "_asdict", "_fields"):
+                yield f"{path.name}:{node.lineno} {node.attr}"
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("ik_node", "benchmarks")):
+            yield from (f"{path.name}:{node.lineno} {alias.name}" for alias in node.names if alias.name[0] == "_")
+
+
+def test_tests_use_public_names_and_no_benchmark() -> None:
+    files = sorted((PROJECT / "test").rglob("*.py"))
+    assert [name for path in files for name in _private_names(path)] == []
+    assert [path.name for path in files if any(module.startswith("benchmarks") for module in imports(path))] == []
+
+
+@pytest.mark.parametrize("path", [path for path in ROOMS if room_of(name_of(path)) not in ("cli", "ros")], ids=name_of)
+def test_no_clock_is_read_below_ros(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    timed = {
+        alias.asname or alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+    }
+    assert not timed & {"time", "datetime"}, "time is an argument"
 
 
 def test_assert_is_for_tests() -> None:
@@ -107,7 +176,7 @@ def test_every_executable_has_a_module_with_main() -> None:
 @pytest.mark.parametrize("path", sorted((PROJECT / "config").glob("*.yaml")), ids=lambda path: path.stem)
 def test_shipped_configurations_fit_their_robots(path: Path) -> None:
     settings = read_settings(path)
-    robot = robot_from(settings.arm)
+    robot = robot_from_settings(settings.arm)
     Controller(robot, settings)
     tree = yaml.safe_load(path.read_text())["/**"]["ik_simulator"]["ros__parameters"]
     start = tree["initial_position"]

@@ -93,7 +93,7 @@ def test_digits_against_a_50_digit_kkt_solution(shape: tuple[int, int], sigma_mi
 
 
 def test_terms_add_up_and_belong_together() -> None:
-    # The gradient never moves the tool; the task term does not know of the gradient; k enters once.
+    # The gradient does not move the tool; the task term is independent of the gradient; k enters once.
     j, v, w, g = problem(3, 6, 9)
     with_task, with_both, twice = resolve(j, v, w), resolve(j, v, w, g, 0.5), resolve(j, v, w, g, 1.0)
     np.testing.assert_array_equal(with_both.task_velocity, with_task.joint_velocity)
@@ -225,7 +225,8 @@ def test_body_and_space_forms_agree(name: str) -> None:
 
 
 def test_invariances_of_weight_and_gradient() -> None:
-    # W -> a W: qd stays, lambda times a. grad + J'w: qd stays, lambda + w. Square J: W and gradient have no say in qd.
+    # W -> a W: qd stays, lambda times a. grad + J'w: qd stays, lambda + w. Square J: W and gradient do not influence
+    # qd.
     j, v, w, g = problem(6, 6, 7)
     base = resolve(j, v, w, g, 1.0)
     scaled = resolve(j, v, 3.0 * w)
@@ -267,7 +268,7 @@ def test_constrained_dynamics_of_pinocchio_agree(name: str) -> None:
 
 
 def test_no_target_no_motion() -> None:
-    # V = 0 and no gradient: nothing moves, exactly.
+    # V = 0 and no gradient: qd = 0 exactly.
     for shape in SHAPES:
         j, _, w, _ = problem(8, *shape)
         assert not resolve(j, np.zeros(shape[0]), w).joint_velocity.any()
@@ -307,7 +308,7 @@ def test_truncation_at_an_exact_singularity() -> None:
 
 
 def test_zero_jacobian() -> None:
-    # Nothing can be done and everything is free: only the potential moves the joints. All finite.
+    # No twist is feasible and the null space is everything: only the potential moves the joints. All finite.
     _, v, w, g = problem(14, 6, 7)
     for threshold in (0.0, 0.02):
         free = resolve(np.zeros((6, 7)), v, w, g, 1.0, threshold=threshold)
@@ -321,7 +322,7 @@ def test_zero_jacobian() -> None:
 
 
 @pytest.mark.parametrize("sigma_min", [0.0, 1e-300, 1e-17, 1e-9, 1e-3, 0.015, 0.0199])
-def test_faded_answer_is_bounded_and_honest(sigma_min: float) -> None:
+def test_faded_solution_is_bounded_and_states_the_twist_attained(sigma_min: float) -> None:
     # |qd| <= 9/8 |V| / threshold; V_f as defined; the multiplier finite and below 3 |V| / threshold^2 for `plain`.
     threshold = 0.02
     scale = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.3])
@@ -362,7 +363,7 @@ def test_fade_is_continuous_through_the_singularity() -> None:
     assert (ratio < 0.3).all()
 
 
-def test_above_the_threshold_nothing_changes_bit_for_bit() -> None:
+def test_above_the_threshold_the_solution_is_the_undamped_one_bit_for_bit() -> None:
     for shape in SHAPES:
         j, v, w, g = problem(17, *shape)
         undamped = resolve(j, v, w, g, 0.2)
@@ -385,7 +386,7 @@ def test_null_space_cap_lowers_the_gain_and_keeps_the_optimum() -> None:
     assert resolve(j, v, w, g, 1.0, null_space_cap=1e9).gain == 1.0
 
 
-def test_no_null_space_the_gain_stays_and_the_wrench_is_told() -> None:
+def test_without_null_space_the_gain_is_unchanged_and_the_wrench_is_returned() -> None:
     # Six joints, six rows: grad_h cannot move anything, but its wrench is still reported.
     j, v, w, g = problem(19, 6, 6)
     result = resolve(j, v, w, g, 0.4, null_space_cap=1e-3)

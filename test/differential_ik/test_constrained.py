@@ -68,8 +68,8 @@ def solve_on(name: str, seed: int) -> tuple[Problem, np.random.Generator]:
     return problem(make_robot(name), "obstacle_gradient", rng), rng
 
 
-def test_the_long_way_gives_the_closed_form_where_nothing_binds() -> None:
-    """One definition of the answer, two ways to compute it: a box that is a hair too narrow asks for the other way."""
+def test_the_constrained_problem_gives_the_closed_form_where_limits_hardly_bind() -> None:
+    """A box that is narrower by rounding requires the constrained problem; its solution is that of the closed form."""
     for seed in range(30):
         for name in ("panda", "ur5"):
             task, _ = solve_on(name, seed)
@@ -87,7 +87,7 @@ def test_the_long_way_gives_the_closed_form_where_nothing_binds() -> None:
             assert long_way.joint_velocity == pytest.approx(qd, rel=1e-8, abs=1e-8)
 
 
-def test_the_direction_is_kept_and_clipping_would_bend_it() -> None:
+def test_the_direction_of_the_twist_is_kept_and_clipping_would_change_it() -> None:
     """From rest, the tool moves along V however tight the box; the clipped closed form, which looks alike, does not."""
     bent = 0.0
     for seed in range(20):
@@ -103,7 +103,7 @@ def test_the_direction_is_kept_and_clipping_would_bend_it() -> None:
 
 
 def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows() -> None:
-    """A moving arm told to stop, reverse or turn: J qd = s V is infeasible. Slowed on its way, it does not bend."""
+    """A moving arm that shall stop, reverse or turn: J qd = s V is infeasible. Slowed down, it keeps its direction."""
     robot, rng = make_robot("panda"), np.random.default_rng(5)
     limits = motion_limits(robot, LimitSettings(), 500.0)
     for _ in range(100):
@@ -128,7 +128,7 @@ def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows()
 def reference_scale(
     jacobian: Array, twist: Array, answer: ConstrainedSolution, lo: Array, hi: Array, dampers: VelocityDampers
 ) -> float:
-    """scipy's s with the dampers, less what our answer says they gave way."""
+    """s by scipy with the dampers, relaxed by the slack of our solution."""
     n, base = len(lo), answer.base_velocity
     found = linprog(
         np.append(np.zeros(n), -1.0),
@@ -143,7 +143,7 @@ def reference_scale(
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_dampers_are_obeyed_or_give_way_by_the_least_amount(name: str) -> None:
+def test_dampers_are_obeyed_or_relaxed_by_the_least_amount(name: str) -> None:
     """Rows that forbid, rows that demand motion, rows that contradict the box; s is still the largest."""
     rng, given_way, compared = np.random.default_rng(6), 0, 0
     robot = make_robot(name)
@@ -245,8 +245,8 @@ def multiplier_error_of_rows(task: Problem, x: Array, rows: Array, limits: Array
     return float(np.linalg.norm(slope) if len(active) == 0 else nnls(active.T, -slope)[1])
 
 
-def test_degenerate_boxes_and_wild_input_have_answers() -> None:
-    """A box of one point, infinite sides, a singular Jacobian, an absurd twist: an answer in the box, no exception."""
+def test_degenerate_boxes_and_extreme_input_have_solutions() -> None:
+    """A box of one point, infinite bounds, a singular Jacobian, a huge twist: a solution in the box, no exception."""
     robot = make_robot("panda")
     jacobian = robot.evaluate(np.array([0.0, 0.5, 0.0, -1.5, 0.0, 1.5, 0.3])).jacobian_b
     twist = np.array([0.1, 0.0, 0.2, 0.0, 0.3, 0.0])

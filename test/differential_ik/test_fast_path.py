@@ -1,7 +1,8 @@
-"""The usual tick, one compiled pass, says what the parts say that it is made of: closed form and bounded problem.
+"""The fast path, one compiled pass, agrees with the functions that it is composed of: closed form, constrained problem.
 
-Both are compared with independent references in test_resolution.py and test_bounded.py. Here: random arms, positions,
-velocities, dampers and twists, from ones that nothing hinders to absurd ones; and that whatever is not usual says so.
+Both are compared with independent references in test_closed_form.py and test_constrained.py. Here: random arms,
+positions, velocities, dampers and twists, from unlimited to huge ones; and the cases in which the fast path does not
+apply.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ ELAPSED_S = 0.002
 
 
 class Case:
-    """A random tick; dampers in every second one."""
+    """A random control step; dampers in every second one."""
 
     def __init__(self, name: str, seed: int, method: str) -> None:
         rng = np.random.default_rng(seed)
@@ -38,7 +39,7 @@ class Case:
         self.q = random_position(self.robot, rng)
         self.previous = rng.choice([0.0, 0.1, 1.0]) * rng.uniform(-1.0, 1.0, n) * self.limits.velocity
         self.jacobian, self.twist = task.jacobian, task.twist
-        if rng.uniform() < 0.8:  # an arm on its way, told to go on, to slow down or to hurry
+        if rng.uniform() < 0.8:  # a moving arm that shall continue, slow down or speed up
             self.previous = np.linalg.pinv(self.jacobian) @ self.jacobian @ self.previous * rng.choice([0.01, 0.1, 1.0])
             self.twist = self.jacobian @ self.previous * rng.choice([0.9, 1.0, 1.5])
         self.weight, self.gradient, self.gain = task.weight, task.gradient, task.gain
@@ -66,7 +67,7 @@ class Case:
             *self.dampers[:2],
         )
 
-    def long_way(self) -> constrained.ConstrainedSolution:
+    def slow_path(self) -> constrained.ConstrainedSolution:
         return constrained.solve(
             self.jacobian,
             self.twist,
@@ -90,11 +91,11 @@ class Case:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_one_pass_says_what_the_parts_say(name: str, method: str) -> None:
-    usual = bound = 0
+def test_one_pass_agrees_with_its_parts(name: str, method: str) -> None:
+    valid = bound = 0
     for seed in range(200):
         case = Case(name, seed, method)
-        answer, expected = case.fast(), case.long_way()
+        answer, expected = case.fast(), case.slow_path()
         smallest = np.linalg.svd(ROW_SCALE[:, None] * case.jacobian, compute_uv=False)[-1]
         if not answer.valid:
             at_rest = np.minimum(np.maximum(0.0, case.bounds.lo), case.bounds.hi)
@@ -103,7 +104,7 @@ def test_one_pass_says_what_the_parts_say(name: str, method: str) -> None:
             astray = case.jacobian @ expected.base_velocity - expected.base_scale * case.twist
             assert smallest < CLEAR or hindered or names or np.abs(astray).max() > 1e-9
             continue
-        usual += 1
+        valid += 1
         bound += len(answer.sides) > 0
         assert smallest >= CLEAR
         assert answer.task_scale == pytest.approx(expected.task_scale, abs=1e-12)
@@ -113,14 +114,14 @@ def test_one_pass_says_what_the_parts_say(name: str, method: str) -> None:
         assert case.names(answer) == expected.binding(case.bounds, case.robot.joints, case.dampers)
         assert (answer.joint_velocity >= case.bounds.lo).all()
         assert (answer.joint_velocity <= case.bounds.hi).all()
-    assert usual > 60
+    assert valid > 60
     assert bound > 10
     # A gradient at random drives the null space faster than an arm at rest may start.
-    assert bound < usual or method == "obstacle_gradient"
+    assert bound < valid or method == "obstacle_gradient"
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_not_usual(value: float) -> None:
+def test_input_that_is_not_finite_is_not_valid(value: float) -> None:
     case = Case("panda", 1, "inertia_weighted")
     twist = case.twist.copy()
     twist[3] = value

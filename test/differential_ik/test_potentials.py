@@ -104,7 +104,7 @@ def test_repulsion_of_hulls_within_a_measured_tolerance() -> None:
     assert np.quantile(errors, 0.9) < 1e-3
 
 
-def test_the_push_leads_away_on_both_sides_of_contact() -> None:
+def test_the_repulsion_points_away_on_both_sides_of_contact() -> None:
     """Away from a ball beside the tool, at any depth down to the middle, by no more than F times a lever."""
     robot = ball_arm()
     clearance, q = DistanceQuery(collision_geometry.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
@@ -152,7 +152,7 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
 
 
 def test_dexterity_is_the_gradient_along_the_null_space() -> None:
-    """Against differences of its value; nothing while the arm is not stretched, nothing without a null space."""
+    """Against differences of its value; zero while the arm is not stretched, and without a null space."""
     robot, rng, pushed = make_robot("panda"), np.random.default_rng(4), 0
     scale = np.repeat((1.0, 0.3), 3)
 
@@ -220,7 +220,7 @@ def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, sett
     return rows
 
 
-def test_the_damper_stops_before_contact_and_lets_go() -> None:
+def test_the_damper_stops_before_contact_and_permits_retreat() -> None:
     """Driven at 0.3 m/s at an obstacle on its path, the arm comes to rest at the stop distance; away from it, it leaves
     at full speed from the first ticks on, as fast as its acceleration limits allow without a damper."""
     robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
@@ -231,7 +231,7 @@ def test_the_damper_stops_before_contact_and_lets_go() -> None:
     assert clearances.min() > SETTINGS.stop_distance[0] - 1e-3
     assert clearances[-1] < SETTINGS.stop_distance[0] + 2e-3
     assert rows[-1][0] < 0.02  # s: at rest in front of it.
-    assert sum(row[2] for row in rows) == 0.0  # The dampers never had to give way.
+    assert sum(row[2] for row in rows) == 0.0  # No damper was relaxed.
     stopped = rows[-1][3:]
     back = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
     damped, free = (drive(robot, world, stopped, back, 100, SETTINGS) for world in (scene, Scene()))
@@ -239,14 +239,14 @@ def test_the_damper_stops_before_contact_and_lets_go() -> None:
 
 
 def test_an_obstacle_that_comes_nearer_by_itself() -> None:
-    """A ball at 0.1 m/s against an arm told to stay: the arm gives way before it is touched."""
+    """A ball at 0.1 m/s against an arm with zero twist: the arm moves away before it is touched."""
     robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     start = robot.pose(q)[:3, 3] + (0.0, -0.4, 0.0)
     ball = obstacle("ball", shape("sphere", (0.1,)), at(*start), velocity_s=np.array([0.0, 0.1, 0.0]))
     rows = drive(robot, Scene().put(ball), q, np.zeros(6), 1800, SETTINGS)
     clearances = np.array([row[1] for row in rows])
     assert clearances.min() > 0.5 * SETTINGS.stop_distance[0]
-    assert np.abs(rows[-1][3:] - q).max() > 0.05  # It had to move.
+    assert np.abs(rows[-1][3:] - q).max() > 0.05  # It moved.
 
 
 def test_dampers_name_only_what_can_bind() -> None:
@@ -287,7 +287,7 @@ def test_obstacles_have_a_motion_of_their_own() -> None:
 
 
 def test_scene_files(tmp_path: Path) -> None:
-    """Everything a file can say, in a frame of the robot too; and every way to get it wrong is named."""
+    """All keys of a file, also in a frame of the robot; and the error of every mistake names it."""
     file = tmp_path / "scene.yaml"
     file.write_text(
         "obstacles:\n"

@@ -1,7 +1,8 @@
-"""Singularities: what is kept, what is let go, at what pace, and that the arm always gets away.
+"""Singularities: what is retained, what is truncated, at which scale, and that the arm always leaves them.
 
 Closed loops with an ideal arm for the behaviour (a sample of `ik_benchmark limits`), single calls for the properties:
-nothing happens away from singularities, answers are continuous, bounded, deterministic, and say what they gave up.
+away from singularities V is unchanged; solutions are continuous, bounded and deterministic, and state what they
+truncate.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def regulate(
     )
 
 
-def test_nothing_happens_away_from_singularities() -> None:
+def test_the_twist_is_unchanged_away_from_singularities() -> None:
     """V itself, bit for bit, and J itself; only lost time is forgotten."""
     robot, rng = make_robot("panda"), np.random.default_rng(1)
     tried = 0
@@ -91,7 +92,7 @@ def test_nothing_happens_away_from_singularities() -> None:
 
 
 def test_gentle_twists_are_done_exactly_however_near() -> None:
-    """What the joints can do is not filtered: at sigma = 0.01 m and 1 mm/s nothing is lost."""
+    """A feasible twist is not truncated: at sigma = 0.01 m and 1 mm/s all of it is executed."""
     robot = make_robot("ur5")
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.057, 0.4])
     rng = np.random.default_rng(2)
@@ -104,7 +105,7 @@ def test_gentle_twists_are_done_exactly_however_near() -> None:
 
 
 def test_the_same_input_gives_the_same_bits_and_the_state_is_explicit() -> None:
-    """A replay that starts from a recorded state must go on as the run did."""
+    """A replay that starts from a recorded state continues as the run did."""
     robot, rng = make_robot("ur5"), np.random.default_rng(3)
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.02, 0.4])
     for _ in range(10):
@@ -131,7 +132,7 @@ def test_the_twist_is_continuous_in_position_and_target() -> None:
     assert worst < 1e-3
 
 
-def test_the_problem_handed_on_is_never_singular_and_always_bounded() -> None:
+def test_the_regulated_task_is_never_singular_and_always_bounded() -> None:
     """At and beside every singularity, for any twist: finite, answerable, within the limits; speeds do not blow up."""
     rng = np.random.default_rng(5)
     for name, singular in SINGULAR.items():
@@ -151,7 +152,7 @@ def test_the_problem_handed_on_is_never_singular_and_always_bounded() -> None:
 
 
 def drive(name: str, *ways: str) -> list[dict[str, Any]]:
-    """Figures of a closed loop with an ideal arm, by `ik_benchmark limits`; one drive, each way to pass it."""
+    """Figures of a closed loop with an ideal arm, by `ik_benchmark limits`; one drive, each strategy."""
     ran = benchmark("limits", "--only", "singularities", "--drives", name, "--ways", *(ways or ("ours",)), "--json")
     rows = ran.rows()
     assert [(row["drive"], row["way"]) for row in rows] == [(name, way) for way in ways or ("ours",)]
@@ -189,14 +190,14 @@ def test_a_target_out_of_reach_neither_stops_nor_shakes_the_arm(name: str) -> No
 
 @pytest.mark.exhaustive
 def test_every_drive_is_within_its_bounds() -> None:
-    """Past, from and into each singularity, both ways: the exit code says that ours stayed within its bounds."""
+    """Past, from and into each singularity, both ways: the exit code states that ours is within its bounds."""
     ran = benchmark("limits", "--only", "singularities", "--json")
     assert ran.code == 0
     assert len(ran.rows()) > 3 * 50
 
 
 def test_the_rest_of_the_twist_goes_on_at_a_boundary() -> None:
-    """Elbow stretched, target outward and sideways: sideways goes on at full pace, outward is lost."""
+    """Elbow stretched, target outward and sideways: sideways continues at full speed, outward is truncated."""
     robot, rng = make_robot("ur5"), np.random.default_rng(6)
     singular = np.array(SINGULAR["ur5 elbow"])
     q = singular + 0.02 * decompose(robot, singular)[2][-1]
@@ -242,8 +243,8 @@ def test_an_exactly_singular_start_is_left(name: str, beside: str) -> None:
         assert mine["left_rad"] < 3e-3
 
 
-def test_who_is_blocked_by_a_limit_lets_go_after_its_patience() -> None:
-    """The turn that an exact pass needs may not fit between the joint's limits: time counts, then the rest goes on."""
+def test_a_direction_blocked_by_a_limit_is_truncated_after_the_timeout() -> None:
+    """An exact pass may need a turn that the joint limits do not permit: the direction is truncated after the timeout."""
     robot = make_robot("ur5")
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.03, 0.4])
     u = np.linalg.svd(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b)[0]
@@ -266,7 +267,7 @@ def sign_changes(qd: Array, least: float = 0.02) -> int:
 
 
 @pytest.mark.parametrize(("name", "radius_m", "elbow"), [("panda", 0.75, 3), ("ur5", 0.9, 2)])
-def test_an_elbow_comes_back_from_out_of_reach_bent_the_way_it_was(name: str, radius_m: float, elbow: int) -> None:
+def test_an_elbow_returns_from_out_of_reach_on_the_same_branch(name: str, radius_m: float, elbow: int) -> None:
     """Led beyond its reach and back by a stream: calm while it waits, and not on the other side of the stretched elbow.
 
     The other side was taken by chance before: a Panda then ran into the limit of joint 4 and stayed there.
@@ -296,7 +297,7 @@ def test_an_elbow_comes_back_from_out_of_reach_bent_the_way_it_was(name: str, ra
     assert loop.position[elbow] == pytest.approx(READY[name][elbow], abs=0.05)
 
 
-def test_the_sides_of_a_singularity_are_told_apart_whatever_the_signs_of_its_decomposition() -> None:
+def test_branches_of_a_singularity_are_distinguished_for_any_signs_of_its_decomposition() -> None:
     """The wrist of a UR5 turned through zero in small steps: crossed from there on, not before."""
     robot = make_robot("ur5")
     state: Branch | None = None

@@ -80,13 +80,13 @@ def test_stalled_at_the_nearest_point() -> None:
 
 
 def test_least_norm_step_of_an_underdetermined_equation() -> None:
-    # One equation in three unknowns: J^+ takes the shortest way, straight down the normal.
+    # One equation in three unknowns: the step of J^+ is the shortest one, along the normal.
     result = find_root(lambda theta: np.array([theta @ theta - 4.0]), [1.0, 2.0, 2.0])
     assert result.converged
     np.testing.assert_allclose(result.theta, np.array([1.0, 2.0, 2.0]) * 2.0 / 3.0, rtol=1e-9)
 
 
-def test_values_that_are_not_finite_are_told_and_not_raised() -> None:
+def test_values_that_are_not_finite_are_reported_and_not_raised() -> None:
     with np.errstate(invalid="ignore"):
         result = find_root(np.log, [4.0], lambda theta: 1.0 / theta, max_iterations=50)
     assert result.reason is TerminationReason.DIVERGED
@@ -126,7 +126,7 @@ def test_coordinate_form_of_the_planar_arm() -> None:
     assert not solve_coordinates([3.0, 0.0], tip_2r, [0.2, 0.5], max_iterations=200).converged
 
 
-def test_singular_start_without_a_way_out() -> None:
+def test_singular_start_without_a_step() -> None:
     # A stretched arm that shall come straight in: J has lost that direction and no step is left. Asked for the whole
     # pose (6 rows, 2 joints) J keeps its rank; the start is then the nearest point to first order.
     result = solve_coordinates([1.5, 0.0], tip_2r, [0.0, 0.0], lambda theta: np.array([[0.0, 0.0], [2.0, 1.0]]))
@@ -283,7 +283,7 @@ def test_no_steps_when_already_there() -> None:
     np.testing.assert_array_equal(solution.q, q)
 
 
-def test_out_of_reach_ends_at_the_cap_or_says_why() -> None:
+def test_out_of_reach_ends_at_the_cap_or_states_the_reason() -> None:
     # The printed loop would not end.
     arm = robot("ur5")
     goal = np.eye(4)

@@ -108,7 +108,7 @@ def test_seed_comes_first() -> None:
     assert (np.abs(outside.q) <= arm.limits.upper).all()
 
 
-def test_turns_are_kept_where_limits_allow_them() -> None:
+def test_turns_are_kept_where_limits_permit_them() -> None:
     # A seed two thirds of a turn up stays there: the caller's difference of joint positions must not jump.
     arm = robot("ur5")
     q = np.array([4.0, -1.1, 1.3, -0.7, -5.0, 0.3])
@@ -116,7 +116,7 @@ def test_turns_are_kept_where_limits_allow_them() -> None:
 
 
 def test_out_of_reach_is_not_solved_and_costs_no_more_than_the_cap() -> None:
-    # The nearest pose comes back, on the way to the target, with the reason.
+    # The result is the nearest pose found, with the reason.
     arm = robot("ur5")
     goal = np.eye(4)
     goal[:3, 3] = 3.0, 0.0, 0.5

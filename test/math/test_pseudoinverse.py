@@ -28,7 +28,7 @@ def random_matrix(seed: int, m: int, n: int, sigma_min: float = 0.1) -> Array:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_penrose_conditions_at_full_rank(shape: tuple[int, int]) -> None:
-    # The four conditions define the pseudoinverse: nothing else fulfils them.
+    # The four conditions define the pseudoinverse uniquely.
     for seed in range(20):
         j = random_matrix(seed, *shape)
         p = pseudoinverse(j).matrix
@@ -39,7 +39,7 @@ def test_penrose_conditions_at_full_rank(shape: tuple[int, int]) -> None:
 
 
 def test_kind_follows_shape_and_rank() -> None:
-    # Square by LU, fat by the right inverse, tall by the left one; what was done is said, with the rank.
+    # Square by LU, fat by the right inverse, tall by the left one; the result states the formula and the rank.
     assert pseudoinverse(random_matrix(1, 6, 6)).kind == "square"
     assert pseudoinverse(random_matrix(1, 6, 7)).kind == "right inverse"
     assert pseudoinverse(random_matrix(1, 6, 3)).kind == "left inverse"
@@ -86,7 +86,7 @@ def test_rank_deficient_truncated() -> None:
 
 
 def test_caller_chooses_the_cutoff() -> None:
-    # The same matrix has rank 6 to rounding and rank 4 to someone who knows its noise.
+    # The same matrix has rank 6 with a cutoff of rounding, and rank 4 with a cutoff for its noise.
     j = random_matrix(6, 6, 7, sigma_min=1e-6)
     assert pseudoinverse(j).rank == 6
     coarse = pseudoinverse(j, rcond=1e-5)

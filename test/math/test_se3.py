@@ -64,7 +64,7 @@ def test_adjoint_carries_a_twist_between_frames() -> None:
 
 
 def test_what_is_no_number_stays_none() -> None:
-    """One NaN in a pose or twist is never lost on the way."""
+    """One NaN in a pose or twist results in NaN."""
     for row in range(3):
         for column in range(4):
             pose = se3.exp(random_twist(1.0))

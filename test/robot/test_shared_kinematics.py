@@ -300,7 +300,7 @@ def test_peer_rtb_manipulability_gradient() -> None:
 
 
 def test_peer_rtb_ik() -> None:
-    # From each of their starts: solved within limits; two steps to a pose out of reach: an honest failure.
+    # From each of their starts: solved within limits; two steps to a pose out of reach: not converged.
     case = load("peer_rtb.json")["ik_success"]
     arm = robot("panda")
     solver = PoseSolver(arm)
@@ -382,5 +382,5 @@ def test_peer_pinocchio() -> None:
     solution: PoseSolution = solve_pose_newton(chain, goal, case["q0"], eps_omega=1e-4, eps_v=1e-4)
     assert solution.converged
     np.testing.assert_allclose(chain.pose(solution.q), goal, atol=1e-3)
-    # From the singular neutral position undamped steps stay in the plane that is left; restarts find the way.
+    # From the singular neutral position undamped steps remain in a plane; restarts find the solution.
     assert PoseSolver(chain).solve(goal, np.zeros(6)).converged

@@ -179,7 +179,7 @@ def _finish(
     pose_sd: Array,
     solution: PoseSolution,
 ) -> int:
-    from ik_node.inverse_kinematics.iteration_table import pose_document, pose_table, pose_target_document, outcome_text
+    from ik_node.inverse_kinematics.iteration_table import outcome_text, pose_document, pose_table, pose_target_document
     from ik_node.robot.screw_chain import ScrewChain
 
     if options.json:
@@ -205,7 +205,7 @@ def _finish(
 
 
 def _plateau(options: argparse.Namespace) -> int:
-    from ik_node.inverse_kinematics.iteration_table import root_document, root_table, outcome_text
+    from ik_node.inverse_kinematics.iteration_table import outcome_text, root_document, root_table
     from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, PLATEAU_STARTS, plateau
 
     starts = PLATEAU_STARTS if options.seed is None else tuple(_numbers(options.seed, "--seed"))

@@ -244,7 +244,7 @@ def test_an_exactly_singular_start_is_left(name: str, beside: str) -> None:
 
 
 def test_a_direction_blocked_by_a_limit_is_truncated_after_the_timeout() -> None:
-    """An exact pass may need a turn that the joint limits do not permit: the direction is truncated after the timeout."""
+    """An exact pass may need a turn that joint limits do not permit: the direction is truncated after the timeout."""
     robot = make_robot("ur5")
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.03, 0.4])
     u = np.linalg.svd(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b)[0]

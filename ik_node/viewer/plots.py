@@ -16,6 +16,8 @@ CURSOR_COLOUR = "#d55e00"
 LINE_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a6f00", "#555555")
 HEIGHT_PX = 92
 AXIS_PX = 46
+TICK_SPACE_PX = 18
+"""Minimum distance of the ticks of the vertical axis."""
 
 
 class PlotSpec(NamedTuple):
@@ -95,7 +97,7 @@ class PlotPanel:
                 },
                 axes=(
                     {"size": 24 if len(plot.labels) == 1 else 38, "font": "10px sans-serif"},
-                    {"size": AXIS_PX, "font": "10px sans-serif"},
+                    {"size": AXIS_PX, "font": "10px sans-serif", "space": TICK_SPACE_PX},
                 ),
                 legend={"show": len(plot.labels) > 1, "live": False},
                 cursor={"sync": {"key": "time"}},

@@ -125,7 +125,7 @@ def test_failed_writing_keeps_the_existing_file(
         target.write_text("half")
         raise RecordingError("no space left")
 
-    monkeypatch.setitem(WRITERS, ".svg", fail)  # type: ignore[arg-type]
+    monkeypatch.setitem(WRITERS, ".svg", fail)
     with pytest.raises(RecordingError, match="no space"):
         write_report((stopped,), path)
     assert path.read_text() == "previous"

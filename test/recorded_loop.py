@@ -48,37 +48,37 @@ class RecordedCaller:
     def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
         stamp_ns = max(sample.stamp_ns, 0)
         data = encode.encode_joint_state(sample.names, stamp_ns, np.array(sample.position, dtype=np.float64))
-        return self._call(CallKind.ON_JOINT_STATE, now, decode_joint_state(data), data)
+        return self.call(CallKind.ON_JOINT_STATE, now, decode_joint_state(data), data)
 
     def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
         data = encode.encode_pose(sample.frame_id, sample.stamp_ns, sample.position, sample.quaternion)
         try:
-            self._call(CallKind.ON_TARGET_POSE, now, decode_pose(data), data)
+            self.call(CallKind.ON_TARGET_POSE, now, decode_pose(data), data)
         except InputError as error:
             raise TargetRefused(str(error)) from error
 
     def on_clock(self, now: Instant) -> Step | None:
-        return self._call(CallKind.ON_CLOCK, now)
+        return self.call(CallKind.ON_CLOCK, now)
 
     def pause(self, now: Instant, reason: str) -> None:
-        self._call(CallKind.PAUSE, now, reason)
+        self.call(CallKind.PAUSE, now, reason)
 
     def on_transform(self, answer: str, now: Instant) -> None:
-        self._call(CallKind.ON_TRANSFORM, now, answer)
+        self.call(CallKind.ON_TRANSFORM, now, answer)
 
     def on_publishers(self, conflict: str, now: Instant) -> None:
-        self._call(CallKind.ON_PUBLISHERS, now, conflict)
+        self.call(CallKind.ON_PUBLISHERS, now, conflict)
 
     def resume(self, now: Instant) -> None:
-        self._call(CallKind.RESUME, now)
+        self.call(CallKind.RESUME, now)
 
     def reset(self, now: Instant) -> None:
-        self._call(CallKind.RESET, now)
+        self.call(CallKind.RESET, now)
 
     def apply(self, settings: Settings, now: Instant) -> None:
-        self._call(CallKind.APPLY, now, settings)
+        self.call(CallKind.APPLY, now, settings)
 
-    def _call(self, kind: CallKind, now: Instant, argument: Any = None, data: bytes = b"") -> Step | None:
+    def call(self, kind: CallKind, now: Instant, argument: Any = None, data: bytes = b"") -> Step | None:
         """Writes the file when it is due in simulated time, before the call rather than after it."""
         if now.monotonic_ns >= self._due_ns:
             self._due_ns = now.monotonic_ns + round(self._options.flush_period_s * NS)

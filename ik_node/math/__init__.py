@@ -1,4 +1,4 @@
-"""Numbers without robots: rotations, rigid motions, pseudoinverses and the small functions that other rooms share.
+"""Numbers without robots: rotations, rigid motions, pseudoinverses and the small functions that other folders share.
 
 ``types`` names the array type. ``quaternion`` and ``so3`` hold rotations as tuples of floats for compiled code;
 ``se3`` holds poses as 4x4 arrays, twists as arrays (v, omega), and the checks that poses pass when they enter the

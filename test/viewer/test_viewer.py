@@ -497,7 +497,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     loop.follow(pose, 0.2, 50.0)
     data = cdr.serialize(cdr.make("visualization_msgs/msg/MarkerArray", markers=[sphere(loop.robot.base_frame)]))
     caller: Any = loop.controller
-    caller._call(CallKind.ON_OBSTACLES, loop.now, decode_obstacles(data), data)
+    caller.call(CallKind.ON_OBSTACLES, loop.now, decode_obstacles(data), data)
     loop.run(0.25)
     finish(loop)
     return folder / "bag"

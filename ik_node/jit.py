@@ -8,9 +8,9 @@ It is compiled at its first call with arguments of new types, which takes second
 an arm moves. Arrays passed to a compiled function are C-contiguous float64: another memory layout is another type.
 
 Machine code is stored in a folder whose name is a digest of everything that it depends on: the modules that define
-compiled functions, where they are installed, Python, numba and the processor. numba itself notices a change of a
-function, but not of a function in another file that it calls. Constants of compiled functions are therefore defined in
-modules that define compiled functions, too; a test checks this.
+compiled functions, the records of interfaces/ that these take and return, where the package is installed, Python, numba
+and the processor. numba itself notices a change of a function, but not of a function in another file that it calls.
+Constants of compiled functions are defined in these modules, too; a test checks this.
 """
 
 from __future__ import annotations
@@ -55,15 +55,13 @@ def cache_folder() -> Path | None:
 
 
 def _cache_key() -> str:
-    if os.environ.get('IK_DEV_KEY'):  # DEV: remove before landing
-        return os.environ['IK_DEV_KEY']
     package = Path(__file__).parent
     digest = hashlib.sha256()
     for part in (str(package), sys.version, numba.__version__, binding.get_host_cpu_name()):
         digest.update(part.encode() + b"\0")
     for path in sorted(package.rglob("*.py")):
         source = path.read_bytes()
-        if path.name == "jit.py" or _IMPORT in source:
+        if path.name == "jit.py" or path.parent.name == "interfaces" or _IMPORT in source:
             digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source + b"\0")
     return digest.hexdigest()[:16]
 

@@ -96,9 +96,11 @@ class RealTimeLoop:
         self._send_target(now)
         position, velocity = self._arm.advance(now.monotonic_ns)
         data = encode.encode_joint_state(self.robot.joints, now.ros_ns, position, velocity)
-        begin_ns = self._sent_ns = time.perf_counter_ns()
+        self._sent_ns = 0
+        begin_ns = time.perf_counter_ns()
         self._calls.call(CallKind.ON_JOINT_STATE, now, decode.decode_joint_state(data), data)
-        return (self._sent_ns - begin_ns) / 1e3, (time.perf_counter_ns() - begin_ns) / 1e3
+        end_ns = time.perf_counter_ns()
+        return ((self._sent_ns or end_ns) - begin_ns) / 1e3, (end_ns - begin_ns) / 1e3
 
     def _send(self, step: Step) -> list[Outgoing]:
         """Pass the command to the arm and encode the other messages."""

@@ -14,6 +14,7 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -37,7 +38,7 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
         arguments: Arguments for rclpy, without the program's name; None takes those of the process.
 
     Returns:
-        Exit code of the process: 0, or 1 when ``make_node`` raised an IkNodeError, which is printed.
+        Exit code of the process: 0; 1 when ``make_node`` raised an IkNodeError or ROS refused a parameter.
     """
     end_with_parent_if_requested()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -53,7 +54,7 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
     executor = EventsExecutor()
     try:
         node = make_node()
-    except IkNodeError as error:
+    except (IkNodeError, ParameterException) as error:
         print(f"error: {error}", file=sys.stderr)
         rclpy.shutdown()
         return 1

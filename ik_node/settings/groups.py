@@ -354,8 +354,8 @@ class Settings:
         changed: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in places:
-                reason = replacement(name) or f"unknown parameter '{name}'"
-                raise SettingsError(f"{reason}; valid: {', '.join(sorted(places))}")
+                listed = f"unknown parameter '{name}'; valid: {', '.join(sorted(places))}"
+                raise SettingsError(replacement(name) or listed)
             group, entry = places[name]
             kept = tuple(value) if isinstance(entry.default, tuple) and isinstance(value, (list, tuple)) else value
             if isinstance(entry.default, float) and isinstance(value, int) and not isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""Writes the table of parameters in the README from the settings: ``python docs/parameter_table.py``."""
+"""Writes the table of parameters in the README from the settings: ``python docs/make_parameter_table.py``."""
 
 from __future__ import annotations
 

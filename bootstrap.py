@@ -76,10 +76,11 @@ def set_up(requirements: list[Path]) -> None:
     stamp.write_text(digest)
 
 
-def run(*command: str) -> int:
-    """Runs an executable of the environment in the caller's folder; returns its exit code."""
+def run(*command: str, python_path: Path | None = None) -> int:
+    """Run an executable of the environment in the caller's folder; return its exit code."""
+    variables = environment() if python_path is None else {**environment(), "PYTHONPATH": str(python_path)}
     try:
-        return subprocess.run([str(BIN / command[0]), *command[1:]], env=environment(), check=False).returncode
+        return subprocess.run([str(BIN / command[0]), *command[1:]], env=variables, check=False).returncode
     except KeyboardInterrupt:  # the child got it too, and has had its time to end cleanly
         return 130
 
@@ -111,6 +112,8 @@ def main() -> int:
         sys.exit(f"error: setting up failed: {error}")
     if task == "test":
         return test(options)
+    if task == "ik_benchmark":  # not installed: part of the checkout only
+        return run("python", "-m", "benchmarks", *options, python_path=ROOT)
     executable = "ik_demo" if task == "demo" else task
     if not (BIN / executable).exists():
         sys.exit(

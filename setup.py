@@ -1,4 +1,4 @@
-"""Build with colcon (ament_python) or pip; which versions were tried together stands in requirements.txt."""
+"""Build with colcon (ament_python) or pip. requirements.txt pins the versions that were tested together."""
 
 from pathlib import Path
 
@@ -6,7 +6,6 @@ from setuptools import find_packages, setup
 
 NAME = "ik_node"
 EXECUTABLES = (
-    "benchmark",
     "demo",
     "export",
     "node",
@@ -18,16 +17,24 @@ EXECUTABLES = (
     "view",
     "watchdog",
 )
+RECORDING = ["mcap", "lz4", "zstandard", "rosbags"]
+EXTRAS = {
+    "recording": RECORDING,
+    "report": ["matplotlib", *RECORDING],
+    "view": ["viser", "trimesh", "pycollada", *RECORDING],
+    "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp", *RECORDING],
+}
+"""What only some functions need; ``ik_node.errors.EXTRAS`` names these in messages."""
 
 
 def folder(name: str) -> tuple[str, list[str]]:
-    """A folder of data files, installed under share/ik_node."""
+    """Return a folder of data files for share/ik_node."""
     return f"share/{NAME}/{name}", sorted(str(path) for path in Path(name).iterdir() if path.is_file())
 
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Cartesian velocity control of robot arms, recorded to MCAP",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
@@ -39,28 +46,13 @@ setup(
         folder("launch"),
     ],
     python_requires=">=3.10",
-    install_requires=[
-        "numpy",
-        "pin",
-        "example-robot-data",
-        "daqp",
-        "numba",
-        "scipy",
-        "mcap",
-        "lz4",
-        "zstandard",
-        "rosbags",
-        "matplotlib",
-        "PyYAML",
-    ],
-    extras_require={
-        "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp"],
-        "view": ["viser", "trimesh", "pycollada"],
-    },
+    package_data={NAME: ["py.typed"]},
+    install_requires=["numpy", "pin", "example-robot-data", "daqp", "numba", "scipy", "PyYAML"],
+    extras_require={**EXTRAS, "all": sorted({package for packages in EXTRAS.values() for package in packages})},
     entry_points={
         "console_scripts": [
             f"{'ik_node' if name == 'node' else f'ik_{name}'} = ik_node.cli.{name}:main" for name in EXECUTABLES
         ]
     },
-    zip_safe=True,
+    zip_safe=False,
 )

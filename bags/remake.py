@@ -1,4 +1,4 @@
-"""Makes the recordings of this folder anew: the real node and the simulated arm over DDS, one after the other."""
+"""Records the runs in this folder again: the real node and the simulated arm over DDS, one after the other."""
 
 from __future__ import annotations
 
@@ -15,48 +15,48 @@ from typing import NamedTuple
 
 import yaml
 
-from ik_node.recording.bag_metadata import Qos
-from ik_node.recording.mcap_reader import Recording
-from ik_node.recording.writer import Recorder, RecorderOptions
+from ik_node.recording.mcap.metadata import Qos
+from ik_node.recording.mcap.reader import Recording
+from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 
 FOLDER = Path(__file__).resolve().parent
 COMMON = ("--headless", "--rate", "100")
-"""A low rate keeps them small."""
+"""A low rate keeps the files small."""
 LEFT_OUT = ("joint_velocity", "current_pose", "desired_pose", "twist_error", "task", "potential", "diagnostics")
-"""Outputs that say again what stands in the steps."""
+"""Outputs whose content is also in the Steps."""
 
 Row = tuple[float, float, float, float, float, float]
-"""Time, x, y, z, turn about x, turn about z: from where the arm stands; s, m, rad."""
+"""Time, x, y, z, rotation about x, rotation about z, relative to the initial pose; s, m, rad."""
 
 
 def swing(time_s: float, duration_s: float) -> float:
-    """From 0 to 1 and back, at rest at both ends."""
+    """From 0 to 1 and back to 0, at rest at both ends."""
     return 0.5 - 0.5 * math.cos(2.0 * math.pi * min(time_s, duration_s) / duration_s)
 
 
 def stretched() -> Iterable[Row]:
-    """Outwards until the elbow is straight, further than the arm reaches, and back."""
+    """Outwards beyond the reach of the arm, so that the elbow is straight, and back."""
     for index in range(126):
         part = swing(0.02 * index, 2.5)
         yield 0.02 * index, 0.55 * part, 0.0, 0.1 * part, 0.0, 0.0
 
 
 def there_and_back() -> Iterable[Row]:
-    """Sideways with a turn of the tool, and back."""
+    """Sideways with a rotation of the tool, and back."""
     for index in range(101):
         part = swing(0.02 * index, 2.0)
         yield 0.02 * index, 0.0, 0.15 * part, 0.05 * part, 0.2 * part, 0.4 * part
 
 
 def turned() -> Iterable[Row]:
-    """The tool about its own axis, further than its joint may go, and back."""
+    """Rotation of the tool about its own axis beyond the limit of its joint, and back."""
     for index in range(126):
         part = swing(0.02 * index, 2.5)
         yield 0.02 * index, 0.05 * part, 0.02 * part, 0.03 * part, 0.0, -1.5 * part
 
 
 def with_gaps() -> Iterable[Row]:
-    """A circle of which samples are missing."""
+    """A circle with missing samples."""
     for index in range(151):
         time_s = 0.02 * index
         if 0.8 < time_s < 0.95 or 1.8 < time_s < 2.5:
@@ -99,7 +99,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 
 
 def compact(source: Path, target: Path) -> None:
-    """What a replay needs, in few large chunks: live, a chunk is what was written in 0.1 s."""
+    """Copies what a replay needs, in few large chunks: a live recording has one chunk per 0.1 s."""
     recorder = Recorder(target, RecorderOptions(flush_period_s=3600.0))
     about = yaml.safe_load((source / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     channels = {}
@@ -121,7 +121,7 @@ def compact(source: Path, target: Path) -> None:
 
 
 def remake(name: str) -> None:
-    """Runs one case and puts its recording into this folder."""
+    """Runs one case and stores its recording in this folder."""
     case = CASES[name]
     with tempfile.TemporaryDirectory() as scratch:
         out, poses = Path(scratch, "run"), Path(scratch, "poses.csv")
@@ -138,7 +138,7 @@ def remake(name: str) -> None:
 
 
 def main() -> None:
-    """The cases that are named, or all of them."""
+    """Records the named cases, or all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"recordings to make [all: {', '.join(CASES)}]")
     names = parser.parse_args().names or list(CASES)

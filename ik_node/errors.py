@@ -1,29 +1,57 @@
-"""The package's own errors: one root, so that a caller can catch everything of ours at once.
+"""Errors that this package raises on purpose, with one common base class.
 
-Each message names the offending thing and, where there is a list of valid choices, lists them.
+Each message names the offending item and, where there is a list of valid choices, lists them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+EXTRAS = {
+    "lz4": "recording",
+    "mcap": "recording",
+    "rosbags": "recording",
+    "zstandard": "recording",
+    "matplotlib": "report",
+    "rclpy": "ros",
+    "collada": "view",
+    "trimesh": "view",
+    "viser": "view",
+}
+"""Package that is imported where it is needed -> extra of ik_node that installs it."""
+
 
 class IkNodeError(Exception):
-    """Root of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose."""
+
+
+class MissingPackageError(IkNodeError, ImportError):
+    """A package that only some functions need is not installed; the message names the extra that installs it."""
+
+    def __init__(self, error: ImportError) -> None:
+        """Describe the import that failed."""
+        package = (error.name or "").partition(".")[0]
+        extra = EXTRAS.get(package)
+        if package == "rclpy":
+            hint = ": source the setup file of ROS 2, or pip install 'ik_node[ros]'"
+        else:
+            hint = f": pip install 'ik_node[{extra}]'" if extra else f": {error}"
+        super().__init__(f"package {package or '?'} is missing{hint}", name=error.name)
 
 
 class SettingsError(IkNodeError, ValueError):
-    """A parameter has a value outside its stated type, range or choices."""
+    """A parameter has a value outside its type, range or choices, or is not a parameter."""
 
 
 class RobotError(IkNodeError, ValueError):
-    """The robot model cannot be found, read or reduced to what was asked."""
+    """The robot model cannot be found, read or reduced to the requested joints."""
 
 
 class UnknownNameError(RobotError):
-    """A robot, joint, frame or method of that name does not exist; the message lists those that do."""
+    """No robot, joint, frame or method has this name; the message lists the names that exist."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        """Store ``kind`` ("robot", "joint", ...) and ``name``; ``valid`` are the names that exist."""
         listed = ", ".join(sorted(valid)) or "none"
         super().__init__(f"unknown {kind} '{name}'; valid: {listed}")
         self.kind = kind
@@ -31,11 +59,11 @@ class UnknownNameError(RobotError):
 
 
 class InputError(IkNodeError, ValueError):
-    """A number, vector or matrix that was passed in is of the wrong shape, not finite, or no rotation."""
+    """A number, vector or matrix has the wrong shape, is not finite, or is not a rotation."""
 
 
 class TargetRefused(InputError):
-    """A target message cannot be followed; the arm goes on with what it had."""
+    """A target message cannot be followed; the previous target stays in force."""
 
 
 class StateRefused(InputError):
@@ -47,12 +75,12 @@ class RecordingError(IkNodeError):
 
 
 class TrajectoryFileError(IkNodeError, ValueError):
-    """A file of poses cannot be understood as the caller described it."""
+    """A file of poses does not have the format that was described."""
 
 
 class SceneError(IkNodeError, ValueError):
-    """A file of obstacles cannot be understood."""
+    """A file or message of obstacles is invalid."""
 
 
 class CollisionUnavailableError(RobotError):
-    """There is no collision geometry to measure distances with; the message says why. The rest works without."""
+    """Distances cannot be computed because there is no collision geometry; the message gives the reason."""

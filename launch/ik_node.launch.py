@@ -1,4 +1,4 @@
-"""The node for one of the shipped robots: ``ros2 launch ik_node ik_node.launch.py robot:=panda``."""
+"""Start the node with the parameter file of a robot: ``ros2 launch ik_node ik_node.launch.py robot:=panda``."""
 
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -13,7 +13,7 @@ def generate_launch_description() -> LaunchDescription:
     config = PathJoinSubstitution([FindPackageShare("ik_node"), "config", [robot, ".yaml"]])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("robot", default_value="panda", description="Name of a file in config/."),
+            DeclareLaunchArgument("robot", default_value="panda", description="Parameter file config/<robot>.yaml."),
             Node(package="ik_node", executable="ik_node", parameters=[config], output="screen"),
         ]
     )

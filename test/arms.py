@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
 
 
 def random_position(robot: Robot, rng: np.random.Generator) -> Array:

@@ -30,7 +30,7 @@ class Ran(NamedTuple):
 
 def benchmark(*arguments: str) -> Ran:
     """`ik_benchmark` with these arguments; whatever it says of speed is not to be looked at."""
-    command = [sys.executable, "-m", "ik_node.cli.benchmark", *arguments]
+    command = [sys.executable, "-m", "benchmarks", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert "Traceback" not in done.stderr, done.stderr
     return Ran(done.returncode, done.stdout, done.stderr)

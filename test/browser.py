@@ -1,4 +1,4 @@
-"""A headless Chromium, driven over its DevTools protocol: enough to open a page, click and look at it."""
+"""Control of a headless Chromium over its DevTools protocol: open a page, click, take screenshots."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ ARGUMENTS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    # WebGL without a graphics card.
+    # WebGL without a GPU.
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    # No name leads anywhere: the page has to do with what this computer gives it.
+    # No host name resolves, so the page can use this computer only.
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     "--remote-debugging-port=0",
 )
@@ -41,10 +41,10 @@ Picture = NDArray[np.int16]
 
 
 class Browser:
-    """One window with one page."""
+    """A browser window with one page."""
 
     def __init__(self, folder: Path, width: int, height: int) -> None:
-        """Skips the test where there is no Chromium, or no library to talk to it."""
+        """Starts Chromium; skips the test if Chromium or websockets is not installed."""
         client = pytest.importorskip("websockets.sync.client", reason="websockets comes with viser")
         program = next(filter(None, map(shutil.which, NAMES)), None)
         if program is None:
@@ -74,7 +74,7 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """A command of the protocol, and its answer."""
+        """Sends a command of the protocol and returns its result."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -91,7 +91,7 @@ class Browser:
         return self.call("Runtime.evaluate", expression=expression, returnByValue=True).get("result", {}).get("value")
 
     def picture(self) -> Picture:
-        """What is to be seen, (height, width, 3), 0 to 255."""
+        """Screenshot, (height, width, 3), 0 to 255."""
         from PIL import Image
 
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
@@ -102,7 +102,7 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def place(self, selector: str, text: str = "") -> tuple[float, float, float, float]:
-        """Left, top, width, height of the first element of ``selector`` that holds ``text``."""
+        """Left, top, width, height of the first element of ``selector`` that contains ``text``."""
         found = self.evaluate(
             f"(() => {{ const e = [...document.querySelectorAll({json.dumps(selector)})]"
             f".find(e => e.textContent.includes({json.dumps(text)}));"
@@ -118,7 +118,7 @@ class Browser:
             time.sleep(0.1)
 
     def requested(self) -> list[str]:
-        """Every address that the page asked for."""
+        """All addresses that the page requested."""
         self.evaluate("0")
         return [
             event["params"]["request"]["url"]
@@ -127,7 +127,7 @@ class Browser:
         ]
 
     def errors(self) -> list[str]:
-        """Exceptions in the page."""
+        """Exceptions raised in the page."""
         return [str(event["params"]) for event in self._events if event.get("method") == "Runtime.exceptionThrown"]
 
     def close(self) -> None:

@@ -32,15 +32,15 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compiles once what the test processes would else all compile at the same time; gives each a ROS domain."""
     config.addinivalue_line("markers", "exhaustive: more cases of what quicker tests cover; run with --exhaustive")
     if not hasattr(config, "workerinput"):
-        from ik_node.compiled import first_time
+        from ik_node.jit import is_cold
 
-        if first_time():
+        if is_cold():
             from loop import make_robot
 
-            from ik_node.rehearsal import rehearse
-            from ik_node.settings import Settings
+            from ik_node.control.warm_up import warm_up
+            from ik_node.settings.groups import Settings
 
-            rehearse(make_robot("panda"), Settings())
+            warm_up(make_robot("panda"), Settings())
     # For every process that a test starts without saying where.
     os.environ["ROS_DOMAIN_ID"] = str(_while_this_runs.enter_context(own_domain()))
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ik_node import catalogue, se3
-from ik_node.clock import NS, Instant
-from ik_node.robot import Robot
-from ik_node.se3 import Array
-from ik_node.settings import ArmSettings
-from ik_node.step import Level, Mode, Status, Step
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot import catalogue
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import ArmSettings
 
 ROS_START_NS = 1_700_000_000_123_456_789
 TRACKING = Status(Level.OK, Mode.TRACKING, "following target_pose")
@@ -36,7 +37,7 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
         error_b=twists[0],
         feedforward_b=twists[1],
         twist_b=twists[2],
-        lost_b=twists[3],
+        truncated_b=twists[3],
         scale=float(rng.uniform()),
         multiplier_task=rng.normal(size=6),
         multiplier_potential=np.full(6, 5e-324),
@@ -75,7 +76,7 @@ def same_bits(first: object, second: object) -> bool:
 
 def panda() -> Robot:
     """The arm of most tests."""
-    return catalogue.robot_from(ArmSettings(robot="panda"))
+    return catalogue.robot_from_settings(ArmSettings(robot="panda"))
 
 
 def steps(count: int, n: int = 7) -> list[Step]:

@@ -12,34 +12,35 @@ from typing import Any
 import numpy as np
 from loop import READY, Loop, make_robot
 
-from ik_node.clock import NS, Instant
-from ik_node.controller import Controller
+from ik_node.control.controller import Controller
 from ik_node.errors import InputError, TargetRefused
-from ik_node.inputs import JointSample, PoseSample
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.samples import JointSample, PoseSample
+from ik_node.interfaces.step import Step
 from ik_node.messages import encode
-from ik_node.messages.decode import decode_joint_state, decode_pose
-from ik_node.messages.encode import Outgoing, StepOutputs
+from ik_node.messages.decode import decode_joint_state
+from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.step_codec import CallKind
-from ik_node.recording.calls import JOINT_STATES, TARGET_POSE
-from ik_node.recording.session import RunRecording, RunSetup
-from ik_node.recording.writer import RecorderOptions
-from ik_node.settings import Settings
-from ik_node.step import Step
+from ik_node.messages.step_outputs import StepOutputs
+from ik_node.recording.mcap.writer import RecorderOptions
+from ik_node.recording.run_recorder import RunRecording
+from ik_node.replay.recorded_controller import RecordedController
+from ik_node.settings.groups import Settings
 
 
-class RecordedController:
-    """Passes calls on to a controller, through the bytes that would have come over DDS, and records them."""
+class RecordedCaller:
+    """Has the methods of a controller; passes calls on through the bytes that would have come over DDS."""
 
     def __init__(
         self, controller: Controller, directory: Path, now: Instant, options: RecorderOptions | None = None
     ) -> None:
         self.controller = controller
         robot = controller.robot
-        setup = RunSetup("/ik_node", "panda", robot, controller.settings, {}, controller.state(), controller.geometry)
+        outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
         self._options = (options or RecorderOptions())._replace(own_thread=False)
         self._due_ns = now.monotonic_ns
-        self.recording = RunRecording(directory, setup, now, self._options)
-        self._outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
+        self._calls = RecordedController(controller, outputs.messages)
+        self.recording = self._calls.start(directory, "/ik_node", now, options=self._options, robot_name="panda")
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.controller, name)
@@ -47,62 +48,42 @@ class RecordedController:
     def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
         stamp_ns = max(sample.stamp_ns, 0)
         data = encode.encode_joint_state(sample.names, stamp_ns, np.array(sample.position, dtype=np.float64))
-        step = self.controller.on_joint_state(decode_joint_state(data), now)
-        sequence = self.recording.received(JOINT_STATES, data, now)
-        return self._told(CallKind.ON_JOINT_STATE, now, step, sequence)
+        return self.call(CallKind.ON_JOINT_STATE, now, decode_joint_state(data), data)
 
     def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
         data = encode.encode_pose(sample.frame_id, sample.stamp_ns, sample.position, sample.quaternion)
         try:
-            self.controller.on_target_pose(decode_pose(data), now)
+            self.call(CallKind.ON_TARGET_POSE, now, decode_pose(data), data)
         except InputError as error:
             raise TargetRefused(str(error)) from error
-        finally:
-            self._told(CallKind.ON_TARGET_POSE, now, None, self.recording.received(TARGET_POSE, data, now))
 
     def on_clock(self, now: Instant) -> Step | None:
-        return self._told(CallKind.ON_CLOCK, now, self.controller.on_clock(now))
+        return self.call(CallKind.ON_CLOCK, now)
 
     def pause(self, now: Instant, reason: str) -> None:
-        self.controller.pause(now, reason)
-        self._told(CallKind.PAUSE, now, text=reason)
+        self.call(CallKind.PAUSE, now, reason)
 
     def on_transform(self, answer: str, now: Instant) -> None:
-        self.controller.on_transform(answer, now)
-        self._told(CallKind.ON_TRANSFORM, now, text=answer)
+        self.call(CallKind.ON_TRANSFORM, now, answer)
 
-    def on_publishers(self, crowd: str, now: Instant) -> None:
-        self.controller.on_publishers(crowd, now)
-        self._told(CallKind.ON_PUBLISHERS, now, text=crowd)
+    def on_publishers(self, conflict: str, now: Instant) -> None:
+        self.call(CallKind.ON_PUBLISHERS, now, conflict)
 
     def resume(self, now: Instant) -> None:
-        self.controller.resume()
-        self._told(CallKind.RESUME, now)
+        self.call(CallKind.RESUME, now)
 
     def reset(self, now: Instant) -> None:
-        self.controller.reset()
-        self._told(CallKind.RESET, now)
+        self.call(CallKind.RESET, now)
 
     def apply(self, settings: Settings, now: Instant) -> None:
-        self.controller.apply(settings)
-        self.recording.applied(settings, now)
-        self._between_calls(now)
+        self.call(CallKind.APPLY, now, settings)
 
-    def _told(
-        self, kind: CallKind, now: Instant, step: Step | None = None, sequence: int = -1, text: str = ""
-    ) -> Step | None:
-        self.recording.called(kind, now, sequence, text)
-        if step is not None:
-            command = Outgoing(encode.COMMANDS, self._outputs.command(step))
-            self.recording.sent(step, [command, *self._outputs.others(step)])
-        self._between_calls(now)
-        return step
-
-    def _between_calls(self, now: Instant) -> None:
+    def call(self, kind: CallKind, now: Instant, argument: Any = None, data: bytes = b"") -> Step | None:
+        """Writes the file when it is due in simulated time, before the call rather than after it."""
         if now.monotonic_ns >= self._due_ns:
             self._due_ns = now.monotonic_ns + round(self._options.flush_period_s * NS)
             self.recording.write_pending()
-        self.recording.between_calls(self.controller.state, now)
+        return self._calls.call(kind, now, argument, data)
 
 
 def recorded_loop(
@@ -116,7 +97,7 @@ def recorded_loop(
 
 def record(loop: Loop, directory: Path, options: RecorderOptions | None = None) -> None:
     """From now on the loop is recorded."""
-    loop.controller = RecordedController(loop.controller, directory, loop.now, options)  # type: ignore[assignment]
+    loop.controller = RecordedCaller(loop.controller, directory, loop.now, options)  # type: ignore[assignment]
 
 
 def finish(loop: Loop) -> RunRecording:

@@ -11,11 +11,11 @@ import numpy as np
 from arms import random_position
 from scipy.optimize import linprog, lsq_linear
 
-from ik_node import bounded
-from ik_node.limits import joint_bounds, motion_limits
-from ik_node.robot import Robot
-from ik_node.se3 import Array
-from ik_node.settings import LimitSettings
+from ik_node.differential_ik import constrained
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import joint_bounds, motion_limits
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import LimitSettings
 
 ROBOTS = ("panda", "ur5", "ur10", "talos_arm", "xarm7", "kinova")
 METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
@@ -82,19 +82,19 @@ def problem(robot: Robot, method: str, rng: np.random.Generator) -> Problem:
 
 def check(task: Problem) -> Check:
     """Solves ``task`` and compares."""
-    answer = bounded.solve(task.jacobian, task.twist, task.lo, task.hi, task.weight, task.gradient, task.gain)
+    answer = constrained.solve(task.jacobian, task.twist, task.lo, task.hi, task.weight, task.gradient, task.gain)
     qd, base = answer.joint_velocity, answer.base_velocity
-    goal = task.jacobian @ base + (answer.scale - answer.base_scale) * task.twist
+    goal = task.jacobian @ base + (answer.task_scale - answer.base_scale) * task.twist
     astray = task.jacobian @ base - answer.base_scale * task.twist
     weight = np.eye(len(qd)) if task.weight is None else task.weight
     pull = np.zeros(len(qd)) if task.gradient is None else task.gain * task.gradient
     return Check(
         answer.binds,
-        answer.scale,
+        answer.task_scale,
         float(np.maximum(qd - task.hi, task.lo - qd).max()),
         float(np.abs(task.jacobian @ qd - goal).max()),
-        answer.scale - largest_scale(task, astray),
-        (float(np.linalg.norm(task.jacobian @ qd - answer.scale * task.twist)) - least_deviation(task))
+        answer.task_scale - largest_scale(task, astray),
+        (float(np.linalg.norm(task.jacobian @ qd - answer.task_scale * task.twist)) - least_deviation(task))
         / (1.0 + float(np.linalg.norm(task.twist))),
         cost_difference(task, answer, weight, pull, goal),
         multiplier_error(task, qd, weight, pull),
@@ -135,7 +135,9 @@ def largest_scale(task: Problem, astray: Array) -> float:
     return float("nan")
 
 
-def cost_difference(task: Problem, answer: bounded.Bounded, weight: Array, pull: Array, goal: Array) -> float:
+def cost_difference(
+    task: Problem, answer: constrained.ConstrainedSolution, weight: Array, pull: Array, goal: Array
+) -> float:
     """Our cost minus the least cost with the same J qd and the same joints at their bounds, relative."""
     qd, fixed = answer.joint_velocity, answer.at_lower | answer.at_upper
     loose, other = np.flatnonzero(~fixed), qd.copy()

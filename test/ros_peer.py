@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from domains import own_domain
 
-from ik_node import se3
-from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
 
@@ -28,10 +28,10 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 from ik_node.ros import qos  # noqa: E402
-from ik_node.ros.processes import NodeProcess  # noqa: E402
+from ik_node.ros.child_process import NodeProcess  # noqa: E402
 
-CALM = ["-p", "state.timeout_s:=10.0", "-p", "min_rate_fraction:=0.0", "-p", "follow.enabled:=false"]
-"""For a node whose supervision is not what is tested: it forgives an arm that a busy machine holds up."""
+CALM = ["-p", "rate_hz:=50.0", "-p", "state.timeout_s:=10.0", "-p", "follow.enabled:=false"]
+"""Supervision tolerates late joint states: 15 Hz are enough."""
 PATIENCE_S = 120.0
 """What comes at all has come by then, however busy the machine is."""
 
@@ -116,7 +116,7 @@ class Peer:
         again = begin
         while not holds():
             if time.monotonic() > begin + PATIENCE_S:
-                words = "\n".join(process.last_words() for process in self.processes)
+                words = "\n".join(process.log_tail() for process in self.processes)
                 pytest.fail(f"waited {PATIENCE_S:g} s for {what}; last statuses {self.statuses[-3:]}\n{words}")
             if now_and_then is not None and time.monotonic() >= again:
                 now_and_then()

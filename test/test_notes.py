@@ -1,5 +1,5 @@
-"""docs/notes.md is true: its code runs and prints what stands there, its commands too, and the functions and tests that
-it names exist."""
+"""The documents are correct: code and commands of docs/notes.md print the output shown there, the functions and tests
+named there exist, and the Python of README.md runs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ BLOCKS = re.findall(r"^```(python|console|text)\n(.*?)^```$", TEXT, re.DOTALL | 
 
 
 def test_code_prints_what_the_page_says() -> None:
-    # One block after the other in one session, as a reader would; a `text` block is what the code before it prints.
+    # The blocks run in one session, in order; a `text` block is the output of the code before it.
     session: dict[str, Any] = {}
     printed: str | None = None
     compared = 0
     for kind, body in BLOCKS:
         if kind == "python":
-            assert not printed, f"this stands on the page without what it prints: {printed}"
+            assert not printed, f"the page lacks this output: {printed}"
             with contextlib.redirect_stdout(io.StringIO()) as output:
                 exec(compile(body, str(PAGE), "exec"), session)
             printed = output.getvalue()
@@ -59,10 +59,20 @@ def test_functions_named_exist() -> None:
 def test_tests_named_exist() -> None:
     names = set(re.findall(r"`(test_\w+\.py)::(test_\w+)`", TEXT))
     assert len(names) > 20
+    files = {path.name: path for path in (PROJECT / "test").rglob("test_*.py")}
     for file, function in sorted(names):
-        assert f"def {function}(" in (PROJECT / "test" / file).read_text(encoding="utf-8"), f"{file}::{function}"
+        assert f"def {function}(" in files[file].read_text(encoding="utf-8"), f"{file}::{function}"
 
 
 def test_every_exercise_has_its_place() -> None:
     for number in ("6.3", "6.4", "6.5", "6.6", "6.8", "6.9", "6.10", "6.11", "6.12 and 6.13", "7.15"):
         assert re.search(rf"^### {re.escape(number)}\b", TEXT, re.MULTILINE), number
+
+
+def test_the_code_of_the_readme_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(PROJECT)  # it reads a recording of bags/
+    blocks = re.findall(r"^```python\n(.*?)^```$", (PROJECT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+    assert "nan" not in capsys.readouterr().out

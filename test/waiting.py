@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-ENOUGH_S = 600.0
+ENOUGH_S = 300.0
 """What nothing takes that is not broken, on a machine that is busy otherwise."""
 
 

@@ -1,4 +1,4 @@
-"""``ik_demo``: node, simulated robot, a trajectory, a recording and a report, in one command."""
+"""Run node and simulated robot on a trajectory, record the run and report on it, in one command."""
 
 from __future__ import annotations
 
@@ -9,42 +9,49 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from ik_node import share
+from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from
 from ik_node.errors import IkNodeError
-from ik_node.settings import METHODS
-from ik_node.trajectory.shapes import SHAPES
+from ik_node.settings.groups import METHOD_NAMES
+
+SHAPES = ("figure_of_eight", "circle", "line", "hold")
+"""Keys of :data:`ik_node.trajectory.shapes.SHAPES`, which would load NumPy and numba; a test compares them."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_demo", description=__doc__)
     result.add_argument("--robot", default="panda", help="name in example-robot-data [%(default)s]")
     result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml]")
-    result.add_argument("--method", choices=METHODS, help="how joint velocities are chosen [as configured]")
-    first = next(iter(SHAPES))
-    result.add_argument("--trajectory", default=first, help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]")
-    result.add_argument("--target-rate", type=float, help="poses sent, Hz [a file's own times if it has any, else 50]")
-    result.add_argument("--rate", type=float, help="joint states, and so ticks, per second [as configured]")
+    result.add_argument("--method", choices=METHOD_NAMES, help="method that resolves redundancy [as configured]")
+    result.add_argument(
+        "--trajectory", default=SHAPES[0], help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]"
+    )
+    result.add_argument(
+        "--target-rate", type=float, help="rate of the published poses, Hz [times in the file, else 50]"
+    )
+    result.add_argument("--rate", type=float, help="rate of joint states and control steps, Hz [as configured]")
     result.add_argument("--out", type=Path, help="new folder for recording and report [ik_demo_<robot>_<time>]")
     result.add_argument("--scene", type=Path, help="YAML file of obstacles, e.g. config/scenes/ball.yaml")
-    result.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node")
-    result.add_argument("--headless", action="store_true", help="do not open the picture at the end")
+    result.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node; may be repeated"
+    )
+    result.add_argument("--headless", action="store_true", help="do not open the picture of the report")
     add_options(result.add_argument_group("file of poses"))
     return result
 
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the demonstration; 0 when it went to its end, 130 after Ctrl-C, 1 when it could not run."""
+    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run."""
     options = parser().parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(share.config_file("fastdds_quick_discovery.xml")))
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
     try:
-        # Imported only now: the middleware reads the environment when it is loaded.
-        from ik_node.ros.demonstration import Demonstration, DemoOptions
+        # Imported after the environment is set: the middleware reads it when it is loaded.
+        from ik_node.ros.demo.demo import Demonstration, DemoOptions
 
         overrides = [value.replace("=", ":=", 1) for value in options.set]
         if options.scene is not None:

@@ -1,4 +1,4 @@
-"""What every command line shares: an end without a traceback when nobody reads on, as in ``ik_report BAG | head``."""
+"""Common part of all command lines: no traceback for a closed output (``... | head``) or a missing package."""
 
 from __future__ import annotations
 
@@ -8,17 +8,23 @@ import select
 import sys
 from collections.abc import Callable, Sequence
 
-UNREAD = 141
-"""Exit code when the reader of our output went away: what a shell says of a process that SIGPIPE ended."""
+from ik_node.errors import EXTRAS, MissingPackageError
+
+CLOSED_OUTPUT = 141
+"""Exit code when the reader of the output has closed it: that of a process ended by SIGPIPE in a shell."""
+UNUSABLE = 2
+"""Exit code when a package is missing."""
 
 Main = Callable[[Sequence[str] | None], int]
 
 
 def command_line(main: Main) -> Callable[..., int]:
-    """``main(arguments=None)``, which ends quietly with ``UNREAD`` when the reader of its output has gone away.
+    """Decorate ``main(arguments=None)``.
 
-    Not by the signal SIGPIPE, which would end a node for any connection that breaks: a BrokenPipeError of something
-    other than our own output goes on to the caller.
+    The result returns :data:`CLOSED_OUTPUT` when the reader of stdout or stderr has closed it. The signal SIGPIPE keeps
+    its Python default, since it would end a node for any broken connection; a BrokenPipeError of another file is
+    raised.
+    When a package of an extra is missing the result prints the extra and returns :data:`UNUSABLE`.
     """
 
     @functools.wraps(main)
@@ -29,27 +35,32 @@ def command_line(main: Main) -> Callable[..., int]:
             finally:
                 sys.stdout.flush()  # here and not at exit, where an error could no longer be handled
         except BrokenPipeError:
-            if not _unread():
+            if not _is_output_closed():
                 raise
-            return UNREAD
+            return CLOSED_OUTPUT
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in EXTRAS:
+                raise
+            print(f"error: {MissingPackageError(error)}", file=sys.stderr)
+            return UNUSABLE
 
     return wrapped
 
 
-def _unread() -> bool:
-    """Whether an output has lost its reader; such an output leads nowhere from then on, and exit flushes in peace."""
-    lost = False
+def _is_output_closed() -> bool:
+    """Return whether stdout or stderr has lost its reader; redirect it to /dev/null, so that it can be flushed."""
+    closed = False
     for stream in (sys.stdout, sys.stderr):
         try:
             number = stream.fileno()
-        except (OSError, ValueError):  # not a file: a test's, or closed
+        except (OSError, ValueError):  # not a file (in a test), or closed
             continue
-        # The kernel is asked: an unbuffered stream has nothing left whose flush could fail.
+        # Poll the descriptor: an unbuffered stream has nothing left to flush that could fail.
         poll = select.poll()
         poll.register(number, select.POLLOUT)
         if any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0)):
-            lost = True
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, number)
-            os.close(nowhere)
-    return lost
+            closed = True
+            devnull = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(devnull, number)
+            os.close(devnull)
+    return closed

@@ -1,4 +1,4 @@
-"""``ik_export BAG``: a recorded run as a table, one row per tick."""
+"""Write a recorded run as a table with one row per control step."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from pathlib import Path
 
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
-from ik_node.recording.export import write_csv, write_json
-from ik_node.recording.reader import load_run
 
-WRITERS = {".csv": write_csv, ".json": write_json}
+SUFFIXES = (".csv", ".json")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_export", description=__doc__)
     result.add_argument("bag", type=Path, help="recording: a folder, or one of its files")
     result.add_argument("out", type=Path, nargs="+", help="new files, .csv or .json")
@@ -26,16 +24,20 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Writes; 0, or 2 when something cannot be read or written."""
+    """Write the tables; return 0, or 2 when a file cannot be read or written."""
     options = parser().parse_args(arguments)
+    from ik_node.recording.export import write_csv, write_json
+    from ik_node.recording.run_reader import load_run
+
+    writers = dict(zip(SUFFIXES, (write_csv, write_json), strict=True))
     try:
         for path in options.out:
-            if path.suffix not in WRITERS:
-                raise InputError(f"'{path}' ends in '{path.suffix}'; valid: {', '.join(WRITERS)}")
+            if path.suffix not in writers:
+                raise InputError(f"'{path}' ends in '{path.suffix}'; valid: {', '.join(writers)}")
         run = load_run(options.bag, options.node)
         for path in options.out:
-            WRITERS[path.suffix](run, path)
-            print(f"{path}: {len(run.tick)} ticks")
+            writers[path.suffix](run, path)
+            print(f"{path}: {len(run.tick)} control steps")
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

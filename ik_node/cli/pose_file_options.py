@@ -1,4 +1,4 @@
-"""Command-line options that say how a file of poses is to be read, made from the fields of PoseFileFormat."""
+"""Command-line options for reading a file of poses, made from the fields of PoseFileFormat."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import argparse
 import dataclasses
 from typing import Any
 
-from ik_node.trajectory.pose_file import PoseFileFormat
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 
 
 def add_options(group: argparse._ArgumentGroup) -> None:
-    """Adds an option per field to ``group``: ``--units``, ``--order`` and so on."""
+    """Add an option per field to ``group``: ``--units``, ``--order`` and so on."""
     for field in dataclasses.fields(PoseFileFormat):
         kind: dict[str, Any] = {}
         if field.type == "bool":
@@ -26,7 +26,7 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 
 
 def format_from(options: argparse.Namespace) -> PoseFileFormat:
-    """The format that the given options describe; TrajectoryFileError when they do not fit together."""
+    """Return the format described by the options; raises TrajectoryFileError when they contradict each other."""
     given: dict[str, Any] = {}
     for field in dataclasses.fields(PoseFileFormat):
         value = getattr(options, field.name)

@@ -1,7 +1,7 @@
-"""``ik_replay BAG``: a recording through the controller again, and whether the same commands come of it.
+"""Repeat a recorded run with the same inputs, and compare the commands bit for bit.
 
-With ``--method`` or ``--set``: what would have been with other settings, the loop closed in the simulator. Bags that
-others recorded are input too, with ``--robot`` or ``--config``.
+With --method or --set: run the recorded targets with other settings on a simulated arm (closed loop). Bags that were
+not recorded by ik_node are read too, with --robot or --config.
 """
 
 from __future__ import annotations
@@ -15,85 +15,75 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ik_node import share
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
-from ik_node.recording.events import RecordedCalls
-from ik_node.replay import text
-from ik_node.replay.foreign import ForeignBag, bag_of_others
-from ik_node.replay.recorded import record_simulation
-from ik_node.replay.same import replay
-from ik_node.replay.what_if import (
-    RECORDED,
-    Opened,
-    Variant,
-    compare,
-    compare_open_loop,
-    parsed,
-    truth_of,
-    variants,
-)
-from ik_node.report.truth import Truth, truth_from_targets
-from ik_node.ros_parameter_file import read_settings
-from ik_node.settings import Settings
 
-PARTS, UNUSABLE = 1, 2
+if TYPE_CHECKING:
+    from ik_node.replay.what_if import SourceFactory, Variant
+    from ik_node.report.ground_truth import GroundTruth
+
+DIFFERENT, UNUSABLE = 1, 2
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="ik_replay",
         description=__doc__,
-        epilog="Exit code 0: the same bits (elsewhere: the same but for rounding); 1: it parts; 2: it cannot be tried.",
+        epilog="Exit code 0: same bits (other machine: same but for rounding); 1: different; 2: not replayable.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("bag", type=Path, help="recording: a folder, or one of its files")
     result.add_argument("--node", default="", help="full name of the node [the only one recorded]")
-    result.add_argument("--json", action="store_true", help="figures for machines")
+    result.add_argument("--json", action="store_true", help="print JSON")
     what_if = result.add_argument_group("what if")
-    about = "another method instead of the recorded one, or `all`; more than once for several"
+    about = "method to run instead of the recorded one, or `all`; may be repeated"
     what_if.add_argument("--method", action="append", default=[], help=about)
-    about = "another value of a parameter, in every run but the recorded one"
+    about = "value of a parameter in every run but the recorded one; may be repeated"
     what_if.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help=about)
-    about = "compare commands on the recorded joint states too: nothing moves"
+    about = "also compare the commands on the recorded joint states, without a simulated arm"
     what_if.add_argument("--open-loop", action="store_true", help=about)
     what_if.add_argument("--out", type=Path, help="new folder for recordings of the simulated runs")
-    what_if.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at once [%(default)s]")
-    foreign = result.add_argument_group("bags of others: rosbag2 (sqlite3, MCAP), rosbag1")
-    foreign.add_argument("--robot", default="", help="name in example-robot-data [robot_description in the bag]")
-    foreign.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml where there is one]")
-    about = "take a topic of the bag for an input: joint_states, target_pose, ..."
-    foreign.add_argument("--remap", action="append", default=[], metavar="TOPIC:=INPUT", help=about)
+    what_if.add_argument("--jobs", type=int, default=os.cpu_count(), help="number of simultaneous runs [%(default)s]")
+    external = result.add_argument_group("external bags: rosbag2 (sqlite3, MCAP), rosbag1")
+    external.add_argument("--robot", default="", help="name in example-robot-data [robot_description in the bag]")
+    external.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml where there is one]")
+    about = "use a topic of the bag as an input: joint_states, target_pose, ..."
+    external.add_argument("--remap", action="append", default=[], metavar="TOPIC:=INPUT", help=about)
     about = "joint positions at the start, for a bag without joint states"
-    foreign.add_argument("--start", nargs="+", type=float, default=[], metavar="Q", help=about)
-    ros = result.add_argument_group("to a running node")
-    ros.add_argument("--ros", action="store_true", help="publish the recorded inputs at their recorded pace instead")
+    external.add_argument("--start", nargs="+", type=float, default=[], metavar="Q", help=about)
+    ros = result.add_argument_group("replay to a running node")
+    ros.add_argument("--ros", action="store_true", help="publish the recorded inputs at their recorded times instead")
     ros.add_argument("--to", default="/ik_node", help="full name of that node [%(default)s]")
-    ros.add_argument("--input", action="append", default=[], help="publish this input only; more than once for several")
+    ros.add_argument("--input", action="append", default=[], help="publish this input only; may be repeated")
     return result
 
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Replays and says what came of it."""
+    """Replay and print the comparison; the exit code is that of --help."""
     options = parser().parse_args(arguments)
-    foreign = bool(options.robot or options.config or options.remap or options.start)
+    external = bool(options.robot or options.config or options.remap or options.start)
     try:
-        opened = _foreign(options) if foreign else _ours(options)
+        opened = _external_bag(options) if external else _own_bag(options)
         if options.ros:
-            return _feed(opened, options)
-        if foreign or options.method or options.set:
-            return _what_if(opened, options, foreign)
-        return _same(options)
+            return _publish(opened, options)
+        if external or options.method or options.set:
+            return _what_if(opened, options, external)
+        return _bitwise(options)
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE
 
 
-def _same(options: argparse.Namespace) -> int:
-    recorded = RecordedCalls(options.bag, options.node)
+def _bitwise(options: argparse.Namespace) -> int:
+    from ik_node.replay import text
+    from ik_node.replay.bitwise import replay
+    from ik_node.replay.call_source import RecordingSource
+
+    recorded = RecordingSource(options.bag, options.node)
     begin = time.perf_counter()
     found = replay(recorded)
     took_s = time.perf_counter() - begin
@@ -101,34 +91,48 @@ def _same(options: argparse.Namespace) -> int:
         print(json.dumps({**text.as_plain(found), "took_s": took_s}, indent=1))
     else:
         print(text.as_text(recorded, found, took_s))
-    return 0 if found.holds else PARTS
+    return 0 if found.passed else DIFFERENT
 
 
-def _what_if(opened: Opened, options: argparse.Namespace, foreign: bool) -> int:
+def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool) -> int:
+    from ik_node.replay import text
+    from ik_node.replay.call_source import RecordingSource
+    from ik_node.replay.external_bag import ExternalBag
+    from ik_node.replay.what_if import (
+        RECORDED,
+        Variant,
+        compare,
+        compare_open_loop,
+        ground_truth_of,
+        make_variants,
+        parse_assignment,
+    )
+    from ik_node.report.ground_truth import ground_truth_from_targets
+
     source = opened()
-    first = Variant("as configured", {}) if foreign else RECORDED
-    wanted = (first, *variants(source.begins_with, options.method, dict(map(parsed, options.set))))
-    if isinstance(source, ForeignBag):
-        truth = truth_from_targets(source.targets(), source.base_frame)
+    first = Variant("as configured", {}) if external else RECORDED
+    wanted = (first, *make_variants(source.initial_settings, options.method, dict(map(parse_assignment, options.set))))
+    if isinstance(source, ExternalBag):
+        truth = ground_truth_from_targets(source.targets(), source.base_frame)
     else:
-        truth = truth_of(options.bag, options.node)
+        truth = ground_truth_of(options.bag, options.node)
     begin = time.perf_counter()
     found = compare(opened, wanted, truth, max(1, options.jobs or 1))
     took_s = time.perf_counter() - begin
     commands = []
-    if options.open_loop and not foreign:
-        commands = compare_open_loop(partial(RecordedCalls, options.bag, options.node), wanted[1:])
+    if options.open_loop and not external:
+        commands = compare_open_loop(partial(RecordingSource, options.bag, options.node), wanted[1:])
     if options.json:
         document = {
             "closed_loop": [dataclasses.asdict(run) for run in found],
             "open_loop": [run._asdict() for run in commands],
             "against": truth.source if truth is not None else None,
-            "used": source.used if isinstance(source, ForeignBag) else None,
+            "used": source.used if isinstance(source, ExternalBag) else None,
             "took_s": took_s,
         }
         print(json.dumps(document, indent=1))
     else:
-        if isinstance(source, ForeignBag):
+        if isinstance(source, ExternalBag):
             print(text.used_topics(source.used))
         print(text.closed_loop_table(found, _against(truth)))
         if commands:
@@ -138,58 +142,68 @@ def _what_if(opened: Opened, options: argparse.Namespace, foreign: bool) -> int:
     return 0
 
 
-def _ours(options: argparse.Namespace) -> Opened:
-    """A recording of ours; RecordingError with what the bag holds when it is somebody else's."""
-    opened = partial(RecordedCalls, options.bag, options.node)
+def _own_bag(options: argparse.Namespace) -> SourceFactory:
+    """Return the recorded calls; raises RecordingError listing the topics of the bag if ik_node did not record it."""
+    from ik_node.replay.call_source import RecordingSource
+    from ik_node.replay.external_bag import is_external_bag
+
+    opened = partial(RecordingSource, options.bag, options.node)
     try:
         opened()
     except RecordingError:
-        if bag_of_others(options.bag):
-            _foreign(options)()
+        if is_external_bag(options.bag):
+            _external_bag(options)()
         raise
     return opened
 
 
-def _against(truth: Truth | None) -> str:
+def _against(truth: GroundTruth | None) -> str:
     return "nothing: there were no targets" if truth is None else f"the {truth.source}"
 
 
-def _record(opened: Opened, wanted: Sequence[Variant], out: Path) -> None:
-    """Every run as a recording of its own, for ``ik_report`` and ``ik_view``."""
+def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> None:
+    """Record every run on its own, for ``ik_report`` and ``ik_view``."""
+    from ik_node.replay.rerecord import record_simulation
+
     for variant in wanted:
         name = "".join(character if character.isalnum() or character in "._-" else "_" for character in variant.name)
         record_simulation(opened(), variant.changes, out / name)
         print(f"recording {out / name}", file=sys.stderr)
 
 
-def _foreign(options: argparse.Namespace) -> Opened:
-    """The bag with the settings that the command line asks for."""
+def _external_bag(options: argparse.Namespace) -> SourceFactory:
+    """Return the bag with the settings of the command line."""
+    from ik_node import resources
+    from ik_node.replay.external_bag import ExternalBag
+    from ik_node.settings.groups import Settings
+    from ik_node.settings.parameter_file import read_settings
+
     settings = Settings()
     if options.config is not None:
         settings = read_settings(options.config)
     elif options.robot:
         try:
-            settings = read_settings(share.config_file(f"{options.robot}.yaml"))
-        except SettingsError:  # a robot without a configuration of ours: defaults
+            settings = read_settings(resources.config_file(f"{options.robot}.yaml"))
+        except SettingsError:  # no configuration for this robot: defaults
             settings = Settings()
     if options.robot:
         settings = settings.with_values({"robot": options.robot})
     remap = dict(map(_remapping, options.remap))
-    return partial(ForeignBag, options.bag, settings, remap, tuple(options.start))
+    return partial(ExternalBag, options.bag, settings, remap, tuple(options.start))
 
 
-def _remapping(text_of_it: str) -> tuple[str, str]:
-    topic, sign, name = text_of_it.partition(":=")
+def _remapping(argument: str) -> tuple[str, str]:
+    topic, sign, name = argument.partition(":=")
     if not (topic and sign and name):
-        raise InputError(f"'{text_of_it}' is no remapping; expected TOPIC:=INPUT")
+        raise InputError(f"'{argument}' is not a remapping; expected TOPIC:=INPUT")
     return topic, name
 
 
-def _feed(opened: Opened, options: argparse.Namespace) -> int:
-    # Imported only now: the rest works without ROS.
-    from ik_node.ros.feeding import feed
+def _publish(opened: SourceFactory, options: argparse.Namespace) -> int:
+    # The other tasks need no ROS.
+    from ik_node.ros.bag_player import play
 
-    counts = feed(opened(), options.to, options.input)
+    counts = play(opened(), options.to, options.input)
     print(json.dumps(counts) if options.json else "published " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     return 0
 

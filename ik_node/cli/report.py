@@ -1,4 +1,4 @@
-"""``ik_report BAG [BAG ...]``: figures and pictures of a recording, or of several beside each other."""
+"""Report on a recording, or compare several: figures of merit as text or JSON, and pictures."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
-from ik_node.report import FILE_NAME, as_plain, as_text
-from ik_node.report.subject import Subject, read_subjects
-from ik_node.report.table import as_table
-from ik_node.report.writing import writer_for
+
+if TYPE_CHECKING:
+    from ik_node.report.reported_run import ReportedRun
 
 UNUSABLE = 2
 MOST_IN_NAME = 3
-"""Recordings that a file is called after."""
+"""Largest number of recordings in the name of a file."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="ik_report",
         description=__doc__,
         epilog="Exit code 0: reported; 2: a recording cannot be read, or a file cannot be written.",
     )
     result.add_argument("bag", type=Path, nargs="+", help="folder of a recording, or its MCAP file; several: overlaid")
-    about = f"what the tool should have done [{FILE_NAME} beside each recording, else the recorded targets]"
+    about = "file of the intended motion of the tool [trajectory.csv beside each recording, else the recorded targets]"
     result.add_argument("--truth", type=Path, help=about)
     result.add_argument("--json", action="store_true", help="print the figures for machines; several: a list")
     kinds = result.add_argument_group("pictures", "into report_<names>.<kind> in this folder, or where --out says")
@@ -42,44 +42,53 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Reports; 0, or 2 when something cannot be read or written."""
+    """Write the report; return 0, or 2 when a file cannot be read or written."""
     options = parser().parse_args(arguments)
+    from ik_node.report.atomic_write import write_report
+    from ik_node.report.reported_run import read_reported_runs
+
     try:
-        subjects = read_subjects(options.bag, options.truth)
-        for path in _files(subjects, options.kinds or [], options.out):
-            writer_for(path)(subjects, path)
-            # On the other channel: the first is for machines, perhaps.
-            print(path, file=sys.stderr)
+        reported_runs = read_reported_runs(options.bag, options.truth)
+        for path in _files(reported_runs, options.kinds or [], options.out):
+            write_report(reported_runs, path)
+            print(path, file=sys.stderr)  # stdout holds the report
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE
-    print(_as_json(subjects, options.bag) if options.json else _as_text(subjects))
+    print(_as_json(reported_runs, options.bag) if options.json else _as_text(reported_runs))
     return 0
 
 
-def _files(subjects: Sequence[Subject], kinds: Sequence[str], out: Path | None) -> tuple[Path, ...]:
-    """What is to be written: a kind that ``out`` does not end in gets its own ending."""
+def _files(reported_runs: Sequence[ReportedRun], kinds: Sequence[str], out: Path | None) -> tuple[Path, ...]:
+    """Return the files to write: ``out``, and one beside it per kind that differs from its suffix."""
+    from ik_node.report.atomic_write import check_suffix
+
     if out is not None:
         endings = [f".{kind}" for kind in kinds if f".{kind}" != out.suffix.lower()]
         asked = [out] if len(endings) < len(kinds) or not kinds else []
         for path in asked:
-            writer_for(path)
+            check_suffix(path)
         return (*asked, *(out.with_suffix(ending) for ending in endings))
-    names = [subject.name.replace("/", "_") for subject in subjects]
+    names = [reported.name.replace("/", "_") for reported in reported_runs]
     more = [f"{len(names) - MOST_IN_NAME}_more"] if len(names) > MOST_IN_NAME else []
     stem = "_".join(["report", *names[:MOST_IN_NAME], *more])
     return tuple(Path(f"{stem}.{kind}") for kind in dict.fromkeys(kinds))
 
 
-def _as_text(subjects: Sequence[Subject]) -> str:
-    return as_text(subjects[0].report) if len(subjects) == 1 else as_table(subjects)
+def _as_text(reported_runs: Sequence[ReportedRun]) -> str:
+    from ik_node.report import as_text
+    from ik_node.report.table import as_table
+
+    return as_text(reported_runs[0].metrics) if len(reported_runs) == 1 else as_table(reported_runs)
 
 
-def _as_json(subjects: Sequence[Subject], bags: Sequence[Path]) -> str:
-    """An object for one recording, a list of such for several."""
+def _as_json(reported_runs: Sequence[ReportedRun], bags: Sequence[Path]) -> str:
+    """Return an object for one recording, a list of such for several."""
+    from ik_node.report import as_plain
+
     every = [
-        {"name": subject.name, "bag": str(bag), **as_plain(subject.report)}
-        for subject, bag in zip(subjects, bags, strict=True)
+        {"name": reported.name, "bag": str(bag), **as_plain(reported.metrics)}
+        for reported, bag in zip(reported_runs, bags, strict=True)
     ]
     return json.dumps(every[0] if len(every) == 1 else every, indent=2, allow_nan=False)
 

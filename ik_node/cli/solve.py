@@ -1,4 +1,4 @@
-"""``ik_solve``: inverse kinematics from the command line, with every iteration."""
+"""Solve inverse kinematics for one pose and print every iteration."""
 
 from __future__ import annotations
 
@@ -7,26 +7,18 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ik_node import catalogue, se3
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError, InputError
-from ik_node.inverse_kinematics import PoseSolver
-from ik_node.iteration_figure import draw_plateau, draw_pose_iterations
-from ik_node.iteration_table import (
-    pose_document,
-    pose_table,
-    pose_target_document,
-    root_document,
-    root_table,
-    verdict,
-)
-from ik_node.newton_raphson import FORMS, PoseSolution, solve_pose
-from ik_node.notes_examples import PLATEAU_ROOTS, PLATEAU_STARTS, planar_2r, plateau
-from ik_node.robot import Robot
-from ik_node.screw import ScrewChain
 
+if TYPE_CHECKING:
+    from ik_node.inverse_kinematics.newton_raphson import PoseSolution
+    from ik_node.math.types import Array
+    from ik_node.robot.robot import Robot
+    from ik_node.robot.screw_chain import ScrewChain
+
+FORMS = ("body", "space")
 EXAMPLES = ("2r", "plateau")
 EPILOG = """\
 examples:
@@ -35,22 +27,22 @@ examples:
   ik_solve --robot panda --target "0.4 0.1 0.5 1 0 0 0"  damped search with restarts, within the joint limits
   ik_solve --robot ur5 --target "-0.5 0.1 0.1 0.5 0.5 -0.5 0.5" --seed 2.6 0.6 -1.7 1.1 -0.6 -1.6 --restarts 0
                                                          pure Newton-Raphson from the seed
-exit code: 0 converged, 1 not converged, 2 the question cannot be understood
+exit code: 0 converged, 1 not converged, 2 invalid arguments
 """
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="ik_solve", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    question = result.add_argument_group("question")
-    question.add_argument("--robot", help="name in example-robot-data")
-    question.add_argument("--urdf", type=Path, help="URDF file, instead of --robot")
-    question.add_argument("--base", default="", help="frame {s} of the target [the robot's usual base]")
-    question.add_argument("--tip", default="", help="tool frame {b} [the robot's usual tool]")
-    question.add_argument("--target", metavar='"X Y Z QX QY QZ QW"', help="pose of the tip in the base, m")
-    question.add_argument("--example", choices=EXAMPLES, help="a worked example of the notes instead of a robot")
+    problem = result.add_argument_group("problem")
+    problem.add_argument("--robot", help="name in example-robot-data")
+    problem.add_argument("--urdf", type=Path, help="URDF file, instead of --robot")
+    problem.add_argument("--base", default="", help="frame {s} of the target [the robot's usual base]")
+    problem.add_argument("--tip", default="", help="tool frame {b} [the robot's usual tool]")
+    problem.add_argument("--target", metavar='"X Y Z QX QY QZ QW"', help="pose of the tip in the base, m")
+    problem.add_argument("--example", choices=EXAMPLES, help="a worked example of docs/notes.md instead of a robot")
     method = result.add_argument_group("method")
     method.add_argument("--seed", nargs="+", metavar="Q", help="joint positions to start from [middle of the range]")
     method.add_argument(
@@ -61,9 +53,9 @@ def parser() -> argparse.ArgumentParser:
     method.add_argument("--eps-v", type=float, help="tolerance on the position, m [1e-6; --example 2r: 1e-4]")
     method.add_argument("--max-iterations", type=int, help="cap on all iterations together [3000; pure: 100]")
     output = result.add_argument_group("output")
-    output.add_argument("--json", action="store_true", help="a document for machines instead of the table")
+    output.add_argument("--json", action="store_true", help="print JSON instead of the table")
     output.add_argument(
-        "--digits", type=int, choices=range(1, 16), metavar="N", help="of the table [4; --example 2r: 3]"
+        "--digits", type=int, choices=range(1, 16), metavar="N", help="decimals of the table [4; --example 2r: 3]"
     )
     output.add_argument("--plot", type=Path, metavar="FILE", help="picture of the iterates and the screw axis")
     return result
@@ -71,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Solves and prints; the exit code says whether it converged."""
+    """Solve and print; return 0 when the search converged, 1 when not, 2 for invalid arguments."""
     given = sys.argv[1:] if arguments is None else arguments
     options = parser().parse_args([_shield(argument) for argument in given])
     try:
@@ -86,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _shield(argument: str) -> str:
-    """A leading blank for numbers such as -1e-3, which argparse would take for an option."""
+    """Put a blank before numbers such as -1e-3, which argparse would read as an option."""
     try:
         float(argument)
     except ValueError:
@@ -102,7 +94,9 @@ def _numbers(text: str | Sequence[str], name: str) -> list[float]:
         raise InputError(f"{name} is '{' '.join(words)}'; expected numbers") from error
 
 
-def _target(text: str | None) -> se3.Array:
+def _target(text: str | None) -> Array:
+    from ik_node.math import se3
+
     if text is None:
         raise InputError('--target is missing; expected "x y z qx qy qz qw"')
     numbers = _numbers(text, "--target")
@@ -112,6 +106,9 @@ def _target(text: str | None) -> se3.Array:
 
 
 def _load(options: argparse.Namespace) -> Robot:
+    from ik_node.robot import catalogue
+    from ik_node.robot.robot import Robot
+
     if options.urdf is not None:
         try:
             return Robot(options.urdf.read_text(), options.base, options.tip)
@@ -124,9 +121,13 @@ def _load(options: argparse.Namespace) -> Robot:
 
 
 def _robot(options: argparse.Namespace) -> int:
+    from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
+    from ik_node.inverse_kinematics.pose_solver import PoseSolver
+    from ik_node.math.numerics import checked_vector
+
     robot = _load(options)
     pose_sd = _target(options.target)
-    seed = None if options.seed is None else se3.vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
+    seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
     eps_omega, eps_v = _tolerances(options, 1e-6, 1e-6)
     pure = options.restarts == 0
     solver = PoseSolver(
@@ -134,7 +135,7 @@ def _robot(options: argparse.Namespace) -> int:
     )
     if pure:
         start = solver.start(0) if seed is None else seed
-        solution = solve_pose(
+        solution = solve_pose_newton(
             robot, pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
             max_iterations=solver.max_iterations,
         )  # fmt: skip
@@ -151,12 +152,16 @@ def _robot(options: argparse.Namespace) -> int:
 
 
 def _example_2r(options: argparse.Namespace) -> int:
+    from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
+    from ik_node.inverse_kinematics.worked_examples import planar_2r
+    from ik_node.math.numerics import checked_vector
+
     example = planar_2r()
     start = example.start
     if options.seed is not None:
-        start = se3.vector(_numbers(options.seed, "--seed"), 2, "--seed")
+        start = checked_vector(_numbers(options.seed, "--seed"), 2, "--seed")
     eps_omega, eps_v = _tolerances(options, 1e-3, 1e-4)
-    solution = solve_pose(
+    solution = solve_pose_newton(
         example.chain, example.pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
         max_iterations=_given(options.max_iterations, 100),
     )  # fmt: skip
@@ -171,9 +176,12 @@ def _finish(
     title: str,
     about: dict[str, Any],
     chain: Robot | ScrewChain,
-    pose_sd: se3.Array,
+    pose_sd: Array,
     solution: PoseSolution,
 ) -> int:
+    from ik_node.inverse_kinematics.iteration_table import outcome_text, pose_document, pose_table, pose_target_document
+    from ik_node.robot.screw_chain import ScrewChain
+
     if options.json:
         document = about | {"target": pose_target_document(pose_sd)} | pose_document(solution)
         print(json.dumps(document, indent=1))
@@ -181,20 +189,25 @@ def _finish(
         print(title)
         planar = options.example == "2r"
         digits = _given(options.digits, 3 if planar else 4)
-        revolute = chain.revolute if isinstance(chain, Robot) else chain.turning
+        revolute = chain.turning if isinstance(chain, ScrewChain) else chain.revolute
         print(pose_table(solution, revolute.tolist(), planar=planar, digits=digits))
         counts = _count(solution.iterations, "iteration", "iterations")
         if solution.searches > 1:
             counts += f" in {solution.searches} searches"
-        print(f"{verdict(solution.converged, solution.reason)}; {counts}")
+        print(f"{outcome_text(solution.converged, solution.reason)}; {counts}")
         print("q = " + " ".join(f"{value:.{max(9, digits)}g}" for value in solution.q))
     if options.plot is not None:
+        from ik_node.inverse_kinematics.iteration_figure import draw_pose_iterations
+
         draw_pose_iterations(options.plot, title, chain, pose_sd, solution)
         print(f"wrote {options.plot}", file=sys.stderr)
     return 0 if solution.converged else 1
 
 
 def _plateau(options: argparse.Namespace) -> int:
+    from ik_node.inverse_kinematics.iteration_table import outcome_text, root_document, root_table
+    from ik_node.inverse_kinematics.worked_examples import PLATEAU_ROOTS, PLATEAU_STARTS, plateau
+
     starts = PLATEAU_STARTS if options.seed is None else tuple(_numbers(options.seed, "--seed"))
     tolerance = _given(options.eps_v, 1e-10)
     runs = [plateau(start, tolerance=tolerance, max_iterations=_given(options.max_iterations, 50)) for start in starts]
@@ -204,9 +217,11 @@ def _plateau(options: argparse.Namespace) -> int:
     else:
         print("x_d - f(theta) = 1 / (1 + (theta - 2)^4) - 1/2: roots 1 and 3, plateau at 2")
         for start, run in zip(starts, runs, strict=True):
-            print(f"\nfrom theta^0 = {start:g}: {verdict(run.converged, run.reason)}")
+            print(f"\nfrom theta^0 = {start:g}: {outcome_text(run.converged, run.reason)}")
             print(root_table(run))
     if options.plot is not None:
+        from ik_node.inverse_kinematics.iteration_figure import draw_plateau
+
         draw_plateau(options.plot, starts, runs)
         print(f"wrote {options.plot}", file=sys.stderr)
     return 0

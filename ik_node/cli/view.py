@@ -1,4 +1,4 @@
-"""``ik_view``: a recorded run, or a running node, in 3-D in the browser."""
+"""Show a recorded run, or a running node, in 3-D in the browser."""
 
 from __future__ import annotations
 
@@ -14,37 +14,36 @@ from typing import Any
 
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
-from ik_node.recording.reader import load_run
-from ik_node.view.nearby import read_obstacles
-from ik_node.view.opening import open_run
-from ik_node.view.serving import LOCAL, serve, url_of
 
 PERIOD_S = 1.0 / 30.0
+LOCAL = "127.0.0.1"
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="ik_view", description=__doc__)
     result.add_argument("bag", type=Path, nargs="?", help="folder or file of a recording")
-    result.add_argument("--live", action="store_true", help="look at a running node instead")
-    result.add_argument("--node", default="", help="which node, by its full name [the only one; live: /ik_node]")
-    result.add_argument("--port", type=int, default=8080, help="of the page, or the next free one [%(default)s]")
-    result.add_argument("--host", default=LOCAL, help="0.0.0.0 to be seen from other computers [%(default)s]")
+    result.add_argument("--live", action="store_true", help="show a running node instead")
+    result.add_argument("--node", default="", help="full name of the node [the only one recorded; live: /ik_node]")
+    result.add_argument("--port", type=int, default=8080, help="port of the page, or the next free one [%(default)s]")
+    result.add_argument(
+        "--host", default=LOCAL, help="address to listen on; 0.0.0.0: reachable from other computers [%(default)s]"
+    )
     result.add_argument("--open", action="store_true", help="open the page in the browser")
     result.add_argument(
-        "--ros-args", nargs=argparse.REMAINDER, default=[], help="with --live: for ROS, e.g. remappings"
+        "--ros-args", nargs=argparse.REMAINDER, default=[], help="with --live: arguments for ROS, e.g. remappings"
     )
     return result
 
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serves the page until Ctrl-C or SIGTERM, then 0; 1 when there is nothing to show."""
+    """Serve the page until Ctrl-C or SIGTERM, then return 0; 1 when there is nothing to show."""
     options = parser().parse_args(arguments)
     if (options.bag is None) != options.live:
         print("error: expected a recording, or --live for a running node", file=sys.stderr)
         return 2
-    for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: a shell's background job begins with it ignored
+    for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: a background job of a shell starts with it ignored
         signal.signal(number, _interrupt)
     try:
         if options.live:
@@ -60,6 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _view_bag(options: argparse.Namespace) -> None:
+    from ik_node.recording.run_reader import load_run
+    from ik_node.viewer.open_run import open_run
+    from ik_node.viewer.recorded_scene import read_obstacles
+    from ik_node.viewer.server import serve
+
     run = load_run(options.bag, options.node)
     server = serve(options.port, options.host)
     try:
@@ -69,15 +73,17 @@ def _view_bag(options: argparse.Namespace) -> None:
         while True:
             time.sleep(PERIOD_S)
             now_s = time.monotonic()
-            page.tick(now_s - last_s)
+            page.update(now_s - last_s)
             last_s = now_s
     finally:
         server.stop()
 
 
 def _view_live(options: argparse.Namespace) -> None:
+    from ik_node.viewer.server import serve
+
     try:
-        from ik_node.ros.live_view import view_live
+        from ik_node.ros.live_view.app import view_live
     except ImportError as error:
         raise IkNodeError(f"--live needs ROS 2, which is not installed: {error}") from error
     ros_arguments = ["--ros-args", *options.ros_args] if options.ros_args else []
@@ -85,12 +91,14 @@ def _view_live(options: argparse.Namespace) -> None:
 
 
 def _announce(options: argparse.Namespace) -> Callable[[Any], None]:
-    def say(server: Any) -> None:
+    from ik_node.viewer.server import url_of
+
+    def announce(server: Any) -> None:
         print(f"{url_of(server)}  (Ctrl-C ends it)", flush=True)
         if options.open:
             webbrowser.open(url_of(server))
 
-    return say
+    return announce
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -1,21 +1,47 @@
-"""``ik_watchdog``: stops the arm when the node was killed or hangs."""
+"""Stop the arm when ik_node was killed or hangs: a second ROS 2 node, in a process of its own.
+
+A forward_command_controller keeps its last velocity. The watchdog subscribes to the commands and publishes zero
+velocity when no command follows a non-zero one in time.
+"""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 
+from ik_node.cli import ros_arguments
 from ik_node.cli.entry import command_line
+
+EPILOG = """\
+topics:
+  /ik_node/commands     std_msgs/Float64MultiArray, subscribed; zeros are published there
+  ~/status              diagnostic_msgs/DiagnosticStatus, on each change
+
+parameters:
+  timeout_s             longest time without a command after a non-zero one, s [0.1; 0.01 to 10]
+
+example:
+  ik_watchdog --ros-args -p timeout_s:=0.05 -r /ik_node/commands:=/left/ik_node/commands
+
+exit code: 0 after SIGINT or SIGTERM, 2 for an unknown option
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    return ros_arguments.node_parser("ik_watchdog", __doc__, EPILOG)
 
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the watchdog until a signal; returns the exit code."""
-    from ik_node.ros.spinning import run
+    """Run the watchdog until a signal; return the exit code."""
+    ros_arguments.parse(parser(), arguments)
+    from ik_node.ros.spin import run
     from ik_node.ros.watchdog_node import WatchdogNode
 
     return run(WatchdogNode, WatchdogNode.finish, arguments)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv))
+    sys.exit(main())

@@ -1,74 +1,13 @@
-"""Message bytes <-> plain data, the one conversion that live node, recording, replay and tests share.
+"""CDR bytes of ROS messages <-> plain data, without rclpy or ROS message packages.
 
-The node subscribes and publishes raw CDR bytes; nothing here imports rclpy or a ROS message package. Encoding is
-deterministic: the same content gives the same bytes.
+The node subscribes and publishes raw bytes, so the same functions serve the node, the recording, the replay and the
+tests. Encoding is deterministic: equal content gives equal bytes.
+
+- ``cdr``: typestore of `rosbags`, templates of messages with a fixed layout, and a reader of CDR fields.
+- ``decode``, ``decode_targets``, ``decode_obstacles``: input messages -> samples of ``interfaces.samples``.
+- ``encode``, ``step_outputs``: results of a Step -> output messages; ``markers``: scene and path for RViz.
+- ``step_codec``: Steps and controller calls <-> messages of a recording; ``parameters``: the same for parameters.
+- ``restamp``: recorded messages with later stamps.
+
+Reading a recording needs none of ``step_outputs`` and ``markers``, the only modules here that load compiled code.
 """
-
-from ik_node.messages.decode import decode_command, decode_joint_state, decode_pose, decode_string
-from ik_node.messages.encode import (
-    COMMANDS,
-    CURRENT_POSE,
-    DESIRED_POSE,
-    DIAGNOSTICS,
-    JOINT_VELOCITY,
-    MULTIPLIER_POTENTIAL,
-    MULTIPLIER_TASK,
-    STATUS,
-    TWIST_ERROR,
-    TYPES,
-    Outgoing,
-    StepOutputs,
-    encode_command,
-    encode_diagnostics,
-    encode_joint_state,
-    encode_pose,
-    encode_status,
-    encode_string,
-    encode_twist,
-    encode_wrench,
-    step_values,
-)
-from ik_node.messages.step_codec import (
-    Call,
-    CallKind,
-    StepDecoder,
-    StepEncoder,
-    StepMessages,
-    decode_call,
-    encode_call,
-)
-
-__all__ = [
-    "COMMANDS",
-    "CURRENT_POSE",
-    "DESIRED_POSE",
-    "DIAGNOSTICS",
-    "JOINT_VELOCITY",
-    "MULTIPLIER_POTENTIAL",
-    "MULTIPLIER_TASK",
-    "STATUS",
-    "TWIST_ERROR",
-    "TYPES",
-    "Call",
-    "CallKind",
-    "Outgoing",
-    "StepDecoder",
-    "StepEncoder",
-    "StepMessages",
-    "StepOutputs",
-    "decode_call",
-    "decode_command",
-    "decode_joint_state",
-    "decode_pose",
-    "decode_string",
-    "encode_call",
-    "encode_command",
-    "encode_diagnostics",
-    "encode_joint_state",
-    "encode_pose",
-    "encode_status",
-    "encode_string",
-    "encode_twist",
-    "encode_wrench",
-    "step_values",
-]

@@ -1,8 +1,8 @@
-"""Bytes of ROS 2 messages without ROS: the typestore of `rosbags`, and templates for messages of a fixed shape.
+"""CDR bytes of ROS 2 messages without ROS: the typestore of `rosbags`, and templates for messages of a fixed layout.
 
-What the node publishes at every tick differs from tick to tick in its stamp and its numbers only. The typestore
-serialises such a message once; :class:`Template` then puts new numbers in, about ten times faster and to the same bytes
-(a test compares both, and ROS's own serialiser).
+Messages that the node publishes in every control step differ only in stamp and numbers. The typestore serialises such a
+message once; :class:`Template` then inserts new numbers, about ten times faster and with the same bytes (a test
+compares both with the serialiser of ROS).
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.se3 import Array
+from ik_node.interfaces.clock import NS
+from ik_node.math.types import Array
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 """Every message type of ROS 2 Jazzy's common interfaces."""
 
 LITTLE_ENDIAN = b"\x00\x01"
-"""First two bytes of a plain CDR message whose numbers have their low byte first."""
-_STAMP_OFFSET = 4  # a Header comes first in every stamped message, and its stamp first in the Header
+"""First two bytes of a plain CDR message with little-endian numbers."""
+_STAMP_OFFSET = 4  # stamped messages start with a Header, and a Header starts with its stamp
 _STAMP_END = 12
-_SENTINEL = 1.0e-300 / 3.0  # a number that stands nowhere else in a template
+_SENTINEL = 1.0e-300 / 3.0  # a number that occurs nowhere else in a template
 _stamp = struct.Struct("<iI")
 _DOUBLE = np.dtype("<f8")
 
 
 def make(type_name: str, **fields: Any) -> Any:
-    """A message of ``type_name`` (``std_msgs/msg/String``) with all fields given by keyword; stamps as ns."""
+    """A message of ``type_name``, for example ``std_msgs/msg/String``; every field must be given."""
     return STORE.types[type_name](**fields)
 
 
 def time_message(time_ns: int) -> Any:
-    """builtin_interfaces/Time of nanoseconds."""
+    """A time in ns as builtin_interfaces/Time."""
     seconds, nanoseconds = divmod(time_ns, NS)
     return make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
 
@@ -47,7 +47,7 @@ def header(frame_id: str, stamp_ns: int = 0) -> Any:
 
 
 def stamp_of(message: Any) -> int:
-    """Nanoseconds of the stamp in ``message.header``."""
+    """Stamp of ``message.header`` in ns."""
     return int(message.header.stamp.sec) * NS + int(message.header.stamp.nanosec)
 
 
@@ -57,7 +57,7 @@ def serialize(message: Any) -> bytes:
 
 
 def deserialize(data: bytes, type_name: str) -> Any:
-    """The message in ``data``; InputError when the bytes are no ``type_name``."""
+    """The message in ``data``; raises InputError when the bytes are no ``type_name``."""
     try:
         return STORE.deserialize_cdr(data, type_name)
     except (SerdeError, struct.error, ValueError, IndexError) as error:
@@ -65,10 +65,10 @@ def deserialize(data: bytes, type_name: str) -> Any:
 
 
 class Template:
-    """One message of which only the stamp and blocks of float64 change."""
+    """A serialised message of which only the stamp and blocks of float64 change."""
 
     def __init__(self, message: Any, block_sizes: tuple[int, ...], stamped: bool) -> None:
-        """``message`` holds :func:`blank` arrays of ``block_sizes`` in serialisation order."""
+        """``message`` contains :func:`blank` arrays of ``block_sizes`` in serialisation order."""
         data = serialize(message)
         self.stamped = stamped
         self.parts: list[bytes] = []
@@ -81,7 +81,12 @@ class Template:
         self._lead = data[:_STAMP_OFFSET]
 
     def fill(self, stamp_ns: int, *blocks: bytes) -> bytes:
-        """The message with this stamp (ROS time; ignored when it has none) and these numbers (float64 bytes)."""
+        """The message with new values.
+
+        Args:
+            stamp_ns: ROS time; ignored for messages without a stamp.
+            blocks: Bytes of float64, one block per entry of ``block_sizes``.
+        """
         pieces = [self._lead, _stamp.pack(*divmod(stamp_ns, NS))] if self.stamped else []
         for part, block in zip(self.parts, blocks, strict=True):
             pieces.append(part)
@@ -91,12 +96,12 @@ class Template:
 
 
 def blank(size: int) -> Array:
-    """Numbers that a :class:`Template` finds again."""
+    """Placeholder numbers that a :class:`Template` replaces."""
     return np.full(size, _SENTINEL)
 
 
 def stamp_at(data: bytes, offset: int = _STAMP_OFFSET) -> int:
-    """The builtin_interfaces/Time at ``offset`` as ns, by default that of the Header; struct.error beyond the end."""
+    """The builtin_interfaces/Time at ``offset`` in ns, by default that of the Header; struct.error beyond the end."""
     seconds: int
     nanoseconds: int
     seconds, nanoseconds = _stamp.unpack_from(data, offset)
@@ -104,12 +109,12 @@ def stamp_at(data: bytes, offset: int = _STAMP_OFFSET) -> int:
 
 
 def floats_at(data: bytes, size: int, offset: int) -> Array:
-    """``size`` > 0 float64 numbers at ``offset`` as an array of their own; ValueError beyond the end."""
+    """A new array of ``size`` > 0 float64 numbers at ``offset``; ValueError beyond the end."""
     return np.frombuffer(data, _DOUBLE, size, offset).astype(np.float64)
 
 
 class Cursor:
-    """Reads a little-endian CDR message from its start; struct.error or ValueError beyond its end."""
+    """Reads the fields of a little-endian CDR message in order; struct.error or ValueError beyond its end."""
 
     def __init__(self, data: bytes, offset: int = _STAMP_OFFSET) -> None:
         self.data = data
@@ -122,27 +127,27 @@ class Cursor:
         return stamp_ns
 
     def count(self) -> int:
-        """A sequence's or string's length."""
+        """The length of a sequence or string."""
         self.offset += -self.offset % 4
         (value,) = struct.unpack_from("<I", self.data, self.offset)
         self.offset += 4
         return int(value)
 
     def string(self) -> str:
-        """A string, without its closing zero."""
+        """A string without its terminating zero."""
         length = self.count()
         end = self.offset + length
         if end > len(self.data):
-            raise ValueError("a string runs past the end")
+            raise ValueError("a string exceeds the message")
         text = self.data[self.offset : end - 1].decode()
         self.offset = end
         return text
 
     def floats(self, size: int) -> Array:
-        """``size`` float64 numbers as an array of their own."""
+        """A new array of ``size`` float64 numbers."""
         if size == 0:
             return np.empty(0)
-        self.offset += (4 - self.offset) % 8  # 8-byte alignment counts from behind the four bytes of encapsulation
+        self.offset += (4 - self.offset) % 8  # 8-byte alignment relative to the end of the 4-byte encapsulation header
         values = floats_at(self.data, size, self.offset)
         self.offset += 8 * size
         return values

@@ -1,4 +1,4 @@
-"""Message bytes -> the plain inputs of the controller. Nothing is judged here: that is the controller's business."""
+"""Joint states, texts and commands: CDR bytes -> plain data. Values are not validated; the controller does that."""
 
 from __future__ import annotations
 
@@ -8,36 +8,43 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.errors import InputError
-from ik_node.inputs import JointSample, PoseSample
+from ik_node.interfaces.samples import JointSample
+from ik_node.math.types import Array
 from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, floats_at, stamp_at, stamp_of
-from ik_node.se3 import Array
 
 
 class _Head(NamedTuple):
-    """What lies between stamp and positions in a JointState: the same in every message of a driver."""
+    """The bytes between stamp and positions of a JointState, which are equal in all messages of a driver."""
 
     data: bytes
-    """Frame, names and the number of positions."""
+    """Frame, names and number of positions."""
     names: tuple[str, ...]
     size: int
     begin: int
-    """Of the positions."""
+    """Offset of the positions."""
 
 
 COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
 _HEAD_BEGIN = 12
 _MAX_HEADS = 64
-_heads: dict[int, _Head] = {}  # message length -> last head seen; saves most of the work and never touches the result
+_heads: dict[int, _Head] = {}  # message length -> last head; a cache that does not affect the result
 
 
 def decode_joint_state(data: bytes) -> JointSample:
-    """The sensor_msgs/JointState in ``data``; velocities and efforts are not read. InputError when it is none."""
+    """Decodes a joint state.
+
+    Args:
+        data: CDR bytes of a sensor_msgs/JointState; velocities and efforts are ignored.
+
+    Raises:
+        InputError: The bytes are no such message.
+    """
     if data[:2] != LITTLE_ENDIAN:
         message = deserialize(data, "sensor_msgs/msg/JointState")
         return JointSample(stamp_of(message), tuple(message.name), np.array(message.position, dtype=np.float64))
-    known = _heads.get(len(data))
-    if known is not None and data.startswith(known.data, _HEAD_BEGIN):
-        return JointSample(stamp_at(data), known.names, floats_at(data, known.size, known.begin))
+    head = _heads.get(len(data))
+    if head is not None and data.startswith(head.data, _HEAD_BEGIN):
+        return JointSample(stamp_at(data), head.names, floats_at(data, head.size, head.begin))
     try:
         return _read_joint_state(data)
     except (struct.error, ValueError) as error:
@@ -59,37 +66,20 @@ def _read_joint_state(data: bytes) -> JointSample:
     return sample
 
 
-def decode_pose(data: bytes) -> PoseSample:
-    """The geometry_msgs/PoseStamped in ``data``; InputError when it is none."""
-    if data[:2] != LITTLE_ENDIAN:
-        message = deserialize(data, "geometry_msgs/msg/PoseStamped")
-        p, q = message.pose.position, message.pose.orientation
-        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        return PoseSample(stamp_of(message), message.header.frame_id, position, quaternion)
-    try:
-        cursor = Cursor(data)
-        stamp_ns = cursor.stamp()
-        frame_id = cursor.string()
-        numbers = cursor.floats(7)
-    except (struct.error, ValueError) as error:
-        raise InputError(f"bytes are no geometry_msgs/msg/PoseStamped: {error}") from error
-    return PoseSample(stamp_ns, frame_id, numbers[:3], numbers[3:])
-
-
 def decode_string(data: bytes) -> str:
-    """The text of the std_msgs/String in ``data``; InputError when it is none."""
+    """The text of a std_msgs/String; raises InputError for other bytes."""
     return str(deserialize(data, "std_msgs/msg/String").data)
 
 
 def decode_command(data: bytes) -> Array:
-    """The numbers of the std_msgs/Float64MultiArray in ``data``, flat; InputError when it is none."""
+    """The flat numbers of a std_msgs/Float64MultiArray; raises InputError for other bytes."""
     if data[:2] != LITTLE_ENDIAN:
         return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
     try:
         cursor = Cursor(data)
-        if cursor.count():  # somebody describes the layout: rare enough for the general way
+        if cursor.count():  # with a layout, which is rare: general deserialiser
             return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
-        cursor.count()  # data_offset, which is for arrays with a layout
+        cursor.count()  # data_offset, unused without a layout
         return cursor.floats(cursor.count())
     except (struct.error, ValueError) as error:
         raise InputError(f"bytes are no {COMMAND_TYPE}: {error}") from error

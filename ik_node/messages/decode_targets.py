@@ -1,24 +1,44 @@
-"""Paths, trajectories and twists -> plain data. Nothing is judged here but what has no place in it."""
+"""Target poses, paths, trajectories and twists: CDR bytes -> plain data. Values are not validated; the controller does
+that."""
 
 from __future__ import annotations
 
+import struct
 from typing import Any
 
 import numpy as np
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.inputs import PathSample, TrajectorySample, TwistSample
-from ik_node.messages.cdr import deserialize, stamp_of
-from ik_node.se3 import Array
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.samples import PathSample, PoseSample, TrajectorySample, TwistSample
+from ik_node.math.types import Array
+from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, stamp_of
 
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRAJECTORY_TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 TWIST_TYPE = "geometry_msgs/msg/TwistStamped"
 
 
+def decode_pose(data: bytes) -> PoseSample:
+    """Decodes a geometry_msgs/PoseStamped; raises InputError for other bytes."""
+    if data[:2] != LITTLE_ENDIAN:
+        message = deserialize(data, POSE_TYPE)
+        p, q = message.pose.position, message.pose.orientation
+        position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+        return PoseSample(stamp_of(message), message.header.frame_id, position, quaternion)
+    try:
+        cursor = Cursor(data)
+        stamp_ns = cursor.stamp()
+        frame_id = cursor.string()
+        numbers = cursor.floats(7)
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no {POSE_TYPE}: {error}") from error
+    return PoseSample(stamp_ns, frame_id, numbers[:3], numbers[3:])
+
+
 def decode_path(data: bytes) -> PathSample:
-    """The nav_msgs/Path in ``data``. A pose that names no frame is in the path's. InputError when it is none."""
+    """Decodes a nav_msgs/Path; a pose without a frame gets that of the path. Raises InputError for other bytes."""
     message = deserialize(data, PATH_TYPE)
     poses, own = message.poses, str(message.header.frame_id)
     return PathSample(
@@ -30,10 +50,14 @@ def decode_path(data: bytes) -> PathSample:
 
 
 def decode_trajectory(data: bytes) -> TrajectorySample:
-    """The trajectory_msgs/MultiDOFJointTrajectory in ``data``: one joint, the tool; its name does not matter.
+    """Decodes a trajectory of the tool.
 
-    InputError when it is none, when a point has not one transform, or when only some points have a velocity (or an
-    acceleration); the message names the point by its number from 0.
+    Args:
+        data: CDR bytes of a trajectory_msgs/MultiDOFJointTrajectory with one joint of any name, the tool.
+
+    Raises:
+        InputError: The bytes are no such message, a point does not have exactly one transform, or only some points have
+            a velocity (or an acceleration); points are numbered from 0.
     """
     message = deserialize(data, TRAJECTORY_TYPE)
     points = message.points
@@ -56,7 +80,7 @@ def decode_trajectory(data: bytes) -> TrajectorySample:
 
 
 def decode_twist(data: bytes) -> TwistSample:
-    """The geometry_msgs/TwistStamped in ``data``; InputError when it is none."""
+    """Decodes a geometry_msgs/TwistStamped; raises InputError for other bytes."""
     message = deserialize(data, TWIST_TYPE)
     return TwistSample(stamp_of(message), str(message.header.frame_id), np.array(_twist(message.twist)))
 

@@ -1,4 +1,4 @@
-"""Plain data -> message bytes: what the simulator and the demonstration send, and what the node says of a Step."""
+"""Plain data -> CDR bytes of single messages, and the table of output topics."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError
+from ik_node.interfaces.step import Status
+from ik_node.math.types import Array
 from ik_node.messages.cdr import Template, blank, header, make, serialize
-from ik_node.se3 import Array
-from ik_node.step import Level, Mode, Status, Step
 
 COMMANDS = "commands"
 JOINT_VELOCITY = "joint_velocity"
@@ -35,11 +34,11 @@ TYPES = {
     STATUS: "diagnostic_msgs/msg/DiagnosticStatus",
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
-"""Output topic -> message type. Topics without a leading slash live under the node's own name."""
+"""Output topic -> message type; topics without a leading slash are relative to the name of the node."""
 
 
 class Outgoing(NamedTuple):
-    """One message to publish."""
+    """A message to be published."""
 
     topic: str
     """A key of :data:`TYPES`."""
@@ -51,52 +50,68 @@ class Outgoing(NamedTuple):
 
 
 def encode_string(text: str) -> bytes:
-    """std_msgs/String."""
+    """Encodes a std_msgs/String."""
     return serialize(make("std_msgs/msg/String", data=text))
 
 
 def encode_joint_state(
     names: tuple[str, ...], stamp_ns: int, position: Array | None = None, velocity: Array | None = None
 ) -> bytes:
-    """sensor_msgs/JointState of ``position`` [rad, m] and ``velocity`` [rad/s, m/s], each (len(names),) or left out."""
+    """Encodes a sensor_msgs/JointState.
+
+    Args:
+        names: Joints.
+        stamp_ns: ROS time.
+        position: (len(names),), rad (m); default: none.
+        velocity: (len(names),), rad/s (m/s); default: none.
+
+    Raises:
+        InputError: An array has another shape or type.
+    """
     given = [values for values in (position, velocity) if values is not None]
-    template = _joint_state_template(names, position is not None, velocity is not None)
+    template = joint_state_template(names, position is not None, velocity is not None)
     return template.fill(stamp_ns, *[_bytes(values, len(names)) for values in given])
 
 
 def encode_pose(frame_id: str, stamp_ns: int, position: Array, quaternion_xyzw: Array) -> bytes:
-    """geometry_msgs/PoseStamped of a position (3,) [m] and a quaternion (4,), not checked."""
-    return _pose_template(frame_id).fill(stamp_ns, _bytes(position, 3) + _bytes(quaternion_xyzw, 4))
+    """Encodes a geometry_msgs/PoseStamped of a position (3,), m, and a quaternion (4,), which are not validated."""
+    return pose_template(frame_id).fill(stamp_ns, _bytes(position, 3) + _bytes(quaternion_xyzw, 4))
 
 
 def encode_twist(frame_id: str, stamp_ns: int, twist: Array) -> bytes:
-    """geometry_msgs/TwistStamped of (v, omega), (6,) [m/s, rad/s]."""
-    return _twist_template(frame_id).fill(stamp_ns, _bytes(twist, 6))
+    """Encodes a geometry_msgs/TwistStamped of (v, omega), (6,), m/s and rad/s."""
+    return twist_template(frame_id).fill(stamp_ns, _bytes(twist, 6))
 
 
 def encode_wrench(frame_id: str, stamp_ns: int, wrench: Array) -> bytes:
-    """geometry_msgs/WrenchStamped of (force, torque), (6,) [N, N m]."""
-    return _wrench_template(frame_id).fill(stamp_ns, _bytes(wrench, 6))
+    """Encodes a geometry_msgs/WrenchStamped of (force, torque), (6,), N and N m."""
+    return wrench_template(frame_id).fill(stamp_ns, _bytes(wrench, 6))
 
 
 def encode_command(joint_velocity: Array) -> bytes:
-    """std_msgs/Float64MultiArray of joint velocities (n,), without a layout, as ros2_control's forwarding
-    controllers take it.
+    """Encodes a command as the forwarding controllers of ros2_control expect it.
 
-    Raises InputError when one of them is not finite: this is the last gate before the motors.
+    Args:
+        joint_velocity: (n,), rad/s (m/s).
+
+    Returns:
+        CDR bytes of a std_msgs/Float64MultiArray without a layout.
+
+    Raises:
+        InputError: A velocity is not finite; this is the last check before the motors.
     """
     if not np.isfinite(joint_velocity).all():
         raise InputError(f"command is not finite: {joint_velocity}")
-    return _command_template(len(joint_velocity)).fill(0, _bytes(joint_velocity, len(joint_velocity)))
+    return command_template(len(joint_velocity)).fill(0, _bytes(joint_velocity, len(joint_velocity)))
 
 
 def encode_status(status: Status, name: str, values: Mapping[str, str] | None = None, hardware_id: str = "") -> bytes:
-    """diagnostic_msgs/DiagnosticStatus: the reason as its message, the mode as the first of its values."""
+    """Encodes a diagnostic_msgs/DiagnosticStatus: the reason is its message, the mode its first value."""
     return serialize(_status_message(status, name, values or {}, hardware_id))
 
 
 def encode_diagnostics(statuses: Iterable[tuple[Status, str, Mapping[str, str]]], stamp_ns: int) -> bytes:
-    """diagnostic_msgs/DiagnosticArray of (status, name, values)."""
+    """Encodes a diagnostic_msgs/DiagnosticArray of (status, name, values)."""
     messages = [_status_message(status, name, values, "") for status, name, values in statuses]
     return serialize(make("diagnostic_msgs/msg/DiagnosticArray", header=header("", stamp_ns), status=messages))
 
@@ -113,72 +128,6 @@ def _status_message(status: Status, name: str, values: Mapping[str, str], hardwa
     )
 
 
-# --- a Step ---
-
-
-class StepOutputs:
-    """Says a Step on the node's output topics; one instance per node."""
-
-    def __init__(self, joints: tuple[str, ...], base_frame: str, tip_frame: str) -> None:
-        """Makes every template now: the first tick must not take ten milliseconds longer than the rest."""
-        self.joints = joints
-        self.base_frame = base_frame
-        self.tip_frame = tip_frame
-        _command_template(len(joints))
-        _joint_state_template(joints, False, True)
-        _pose_template(base_frame)
-        _twist_template(tip_frame)
-        _wrench_template(tip_frame)
-        encode_diagnostics([(Status(Level.OK, Mode.WAITING, ""), "", {})], 0)
-
-    def command(self, step: Step) -> bytes:
-        """The message for :data:`COMMANDS`: apart from the rest because it must leave first."""
-        return encode_command(step.joint_velocity)
-
-    def others(self, step: Step) -> list[Outgoing]:
-        """The messages for the remaining topics of every tick, stamped with the tick's ROS time.
-
-        What a stopped tick did not compute (NaN) is left out.
-        """
-        stamp_ns = step.now.ros_ns
-        messages = [Outgoing(JOINT_VELOCITY, encode_joint_state(self.joints, stamp_ns, velocity=step.joint_velocity))]
-        for topic, pose in ((CURRENT_POSE, step.pose_sb), (DESIRED_POSE, step.pose_sd)):
-            if np.isfinite(pose).all():
-                quaternion = se3.quaternion_from_rotation(pose[:3, :3])
-                messages.append(Outgoing(topic, encode_pose(self.base_frame, stamp_ns, pose[:3, 3], quaternion)))
-        if np.isfinite(step.error_b).all():
-            messages.append(Outgoing(TWIST_ERROR, encode_twist(self.tip_frame, stamp_ns, step.error_b)))
-        for topic, term in (
-            (MULTIPLIER_TASK, step.multiplier_task),
-            (MULTIPLIER_POTENTIAL, step.multiplier_potential),
-        ):
-            if np.isfinite(term).all():
-                messages.append(Outgoing(topic, encode_wrench(self.tip_frame, stamp_ns, term)))
-        return messages
-
-
-def step_values(step: Step, method: str) -> dict[str, str]:
-    """What status and diagnostics say of a tick besides mode and reason, as text with units in the keys."""
-    return {
-        "method": method,
-        "scale": f"{step.scale:.6g}",
-        "sigma_min_m": f"{step.singular_values[-1]:.6g}",
-        "position_error_mm": f"{1e3 * _norm(step.error_b[:3]):.6g}",
-        "orientation_error_mrad": f"{1e3 * _norm(step.error_b[3:]):.6g}",
-        "lost_linear_m_s": f"{_norm(step.lost_b[:3]):.6g}",
-        "lost_angular_rad_s": f"{_norm(step.lost_b[3:]):.6g}",
-        "progress": f"{step.progress:.6g}",
-        "path_distance_m": f"{step.path_distance:.6g}",
-        "clearance_m": f"{step.clearance:.6g}",
-        "closest_pair": " - ".join(step.closest_pair),
-        "binding": ", ".join(step.binding),
-    }
-
-
-def _norm(vector: Array) -> float:
-    return float(np.sqrt(vector @ vector))
-
-
 # --- templates ---
 
 
@@ -189,7 +138,8 @@ def _bytes(values: Array, size: int) -> bytes:
 
 
 @lru_cache(maxsize=64)
-def _joint_state_template(names: tuple[str, ...], with_position: bool, with_velocity: bool) -> Template:
+def joint_state_template(names: tuple[str, ...], with_position: bool, with_velocity: bool) -> Template:
+    """sensor_msgs/JointState of these names, with the given arrays."""
     n, none = len(names), np.empty(0)
     message = make(
         "sensor_msgs/msg/JointState",
@@ -203,28 +153,32 @@ def _joint_state_template(names: tuple[str, ...], with_position: bool, with_velo
 
 
 @lru_cache(maxsize=64)
-def _pose_template(frame_id: str) -> Template:
+def pose_template(frame_id: str) -> Template:
+    """geometry_msgs/PoseStamped in a frame."""
     x = float(blank(1)[0])
     pose = make("geometry_msgs/msg/Pose", position=_triple("Point", x), orientation=_quaternion(x))
     return Template(make("geometry_msgs/msg/PoseStamped", header=header(frame_id), pose=pose), (7,), stamped=True)
 
 
 @lru_cache(maxsize=64)
-def _twist_template(frame_id: str) -> Template:
+def twist_template(frame_id: str) -> Template:
+    """geometry_msgs/TwistStamped in a frame."""
     x = float(blank(1)[0])
     twist = make("geometry_msgs/msg/Twist", linear=_triple("Vector3", x), angular=_triple("Vector3", x))
     return Template(make("geometry_msgs/msg/TwistStamped", header=header(frame_id), twist=twist), (6,), stamped=True)
 
 
 @lru_cache(maxsize=64)
-def _wrench_template(frame_id: str) -> Template:
+def wrench_template(frame_id: str) -> Template:
+    """geometry_msgs/WrenchStamped in a frame."""
     x = float(blank(1)[0])
     wrench = make("geometry_msgs/msg/Wrench", force=_triple("Vector3", x), torque=_triple("Vector3", x))
     return Template(make("geometry_msgs/msg/WrenchStamped", header=header(frame_id), wrench=wrench), (6,), stamped=True)
 
 
 @lru_cache(maxsize=64)
-def _command_template(n: int) -> Template:
+def command_template(n: int) -> Template:
+    """std_msgs/Float64MultiArray of n numbers without a layout."""
     layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     return Template(make("std_msgs/msg/Float64MultiArray", layout=layout, data=blank(n)), (n,), stamped=False)
 

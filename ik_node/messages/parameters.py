@@ -1,4 +1,4 @@
-"""Parameter values <-> rcl_interfaces/ParameterEvent, the standard record of parameters and their changes."""
+"""Parameter values <-> rcl_interfaces/ParameterEvent, the standard message for parameter changes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ik_node.errors import InputError, RecordingError
 from ik_node.messages.cdr import deserialize, make, serialize, time_message
-from ik_node.settings import Value
+from ik_node.settings.schema import Value
 
 PARAMETERS_TYPE = "rcl_interfaces/msg/ParameterEvent"
 _BOOL, _INTEGER, _DOUBLE, _STRING, _DOUBLES, _STRINGS = 1, 2, 3, 4, 8, 9
@@ -35,16 +35,25 @@ _UNSET: dict[str, Any] = {
 
 
 class Parameters(NamedTuple):
-    """What a parameter message says."""
+    """Content of a parameter message."""
 
     values: dict[str, Value]
-    """Every parameter, after the change."""
+    """All parameters after the change."""
     changed: dict[str, Value]
-    """Those that the change was about; empty in the first message."""
+    """The changed parameters; empty in the first message."""
 
 
 def encode_parameters(node: str, stamp_ns: int, parameters: Parameters) -> bytes:
-    """The message: all values as ``new_parameters``, the changed ones as ``changed_parameters``."""
+    """Encodes all values as ``new_parameters`` and the changed ones as ``changed_parameters``.
+
+    Args:
+        node: Full name of the node.
+        stamp_ns: ROS time of the change.
+        parameters: The values.
+
+    Raises:
+        InputError: A value has a type that cannot be recorded.
+    """
     message = make(
         PARAMETERS_TYPE,
         stamp=time_message(stamp_ns),
@@ -57,7 +66,15 @@ def encode_parameters(node: str, stamp_ns: int, parameters: Parameters) -> bytes
 
 
 def decode_parameters(data: bytes) -> Parameters:
-    """The parameters of a message; InputError when the bytes are none, RecordingError for types we never write."""
+    """Decodes parameters.
+
+    Args:
+        data: CDR bytes of a rcl_interfaces/ParameterEvent.
+
+    Raises:
+        InputError: The bytes are no such message.
+        RecordingError: A parameter has a type that is never recorded.
+    """
     message = deserialize(data, PARAMETERS_TYPE)
     return Parameters(_values(message.new_parameters), _values(message.changed_parameters))
 
@@ -83,7 +100,7 @@ def _kind(value: Value) -> int:
     if isinstance(value, str):
         return _STRING
     if not isinstance(value, tuple):
-        raise InputError(f"parameter value {value!r} is of no type that can be recorded")
+        raise InputError(f"parameter value {value!r} has a type that cannot be recorded")
     return _STRINGS if all(isinstance(entry, str) for entry in value) else _DOUBLES
 
 
@@ -94,7 +111,7 @@ def _values(parameters: Any) -> dict[str, Value]:
 def _decoded(parameter: Any) -> Value:
     kind = int(parameter.value.type)
     if kind not in _FIELDS:
-        raise RecordingError(f"parameter '{parameter.name}' is of type {kind}; valid: {', '.join(map(str, _FIELDS))}")
+        raise RecordingError(f"parameter '{parameter.name}' has type {kind}; valid: {', '.join(map(str, _FIELDS))}")
     value = getattr(parameter.value, _FIELDS[kind])
     if kind == _STRINGS:
         return tuple(str(entry) for entry in value)

@@ -1,67 +1,57 @@
-"""The Step and the controller's calls as messages that open anywhere, and back again bit for bit.
+"""Codec of Steps and controller calls: standard message types, restored bit for bit.
 
-Three channels of a recording, all of standard types:
+Three topics of a recording:
 
-``step`` (std_msgs/Float64MultiArray): one per tick. ``layout.dim`` names the slices of ``data`` one after the other
-(label, and size in numbers); labels are the fields of :class:`ik_node.step.Step`. A time is two numbers, whole seconds
-and the nanoseconds beyond them, since one float64 does not hold the nanoseconds of an epoch; poses are row by row.
-Status, names of binding limits and of the closest pair are text: the slice ``texts`` holds the number of the text
-record that applies.
+``step`` (std_msgs/Float64MultiArray): one message per control step. ``layout.dim`` lists label and size of consecutive
+slices of ``data``; the labels after ``texts`` are the arrays and numbers of :class:`ik_node.interfaces.step.Step`, from
+its declaration. A time is stored as two numbers, seconds and remaining nanoseconds, because one float64 cannot hold the
+nanoseconds since the epoch. Matrices are row-major. ``texts`` is the number of the text record that applies.
 
-``step/texts`` (diagnostic_msgs/DiagnosticStatus): written before the first step it applies to. Level, message = reason,
-and the values ``number``, ``mode``, one ``binding`` per limit that bound, and ``closest`` for each of the pair.
+``step/texts`` (diagnostic_msgs/DiagnosticStatus): text fields of the following Steps, written when they change. Level,
+message = reason, and the key-value pairs ``number``, ``mode`` and one pair per entry of each field of names.
 
-``calls`` (std_msgs/Int64MultiArray): every call of the controller, in order: kind, sequence of the input message on its
-topic (-1 where there is none), monotonic ns, ROS ns.
+``calls`` (std_msgs/Int64MultiArray): every controller call in order: kind, sequence number of the input message on its
+topic (-1 for none), monotonic ns, ROS ns.
 """
 
 from __future__ import annotations
 
 import struct
 from enum import IntEnum
+from math import prod
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node.clock import NS, Instant
 from ik_node.errors import RecordingError
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Kind, Level, Mode, Status, Step
+from ik_node.math.types import Array
 from ik_node.messages.cdr import Template, blank, deserialize, make, serialize
-from ik_node.se3 import Array
-from ik_node.step import Level, Mode, Status, Step
 
 STEP_TYPE = "std_msgs/msg/Float64MultiArray"
 TEXTS_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
 CALL_TYPE = "std_msgs/msg/Int64MultiArray"
 
-_HEAD = ("tick", "now_monotonic", "now_ros", "state_time", "texts")
-_HEAD_SIZES = (1, 2, 2, 2, 1)
+HEAD_SIZES = {"tick": 1, "now_monotonic": 2, "now_ros": 2, "state_time": 2, "texts": 1}
+"""Slices before the arrays and numbers of a Step: counter, times, number of the text record."""
+FIELDS = (*ARRAY_FIELDS, *NUMBER_FIELDS)
+"""Fields of a Step that are slices, in the order of the message."""
+_NAMES = tuple(field.name for field in TEXT_FIELDS if field.kind is Kind.NAMES)
+_arrays = itemgetter(*(Step._fields.index(field.name) for field in ARRAY_FIELDS))
+_numbers = itemgetter(*(Step._fields.index(field.name) for field in NUMBER_FIELDS))
+_texts = itemgetter(*(Step._fields.index(field.name) for field in TEXT_FIELDS))
 _head = struct.Struct("<8d")
 _number = struct.Struct("<d")
-_numbers = struct.Struct("<4d")
+_number_block = struct.Struct(f"<{len(NUMBER_FIELDS)}d")
 _call = struct.Struct("<4q")
-POSES = ("pose_sb", "pose_sd")
-"""Slices that are 4 by 4 matrices."""
-NUMBERS = ("scale", "progress", "path_distance", "clearance")
-"""Slices that are single numbers in a Step."""
-ARRAYS = (
-    "joint_position",
-    "joint_velocity",
-    "pose_sb",
-    "pose_sd",
-    "error_b",
-    "feedforward_b",
-    "twist_b",
-    "lost_b",
-    "multiplier_task",
-    "multiplier_potential",
-    "singular_values",
-    "closest_points",
-)
-"""Fields of a Step that are arrays, in the order in which they stand in a message."""
+TextFields = tuple[Any, ...]
+"""Values of :data:`ik_node.interfaces.step.TEXT_FIELDS`, in that order."""
 
 
 class CallKind(IntEnum):
-    """What was called; the names are those of the controller's methods."""
+    """Called method of the controller, by the same name."""
 
     ON_JOINT_STATE = 1
     ON_TARGET_POSE = 2
@@ -83,52 +73,74 @@ _KINDS = {int(kind): kind for kind in CallKind}
 
 
 class Call(NamedTuple):
-    """One call of the controller."""
+    """One controller call."""
 
     kind: CallKind
     sequence: int
-    """Of the message that was passed in, among those of its topic; -1 where the call takes none."""
+    """Number of the message that was passed in, counted on its topic; -1 for none."""
     now: Instant
 
 
 class StepMessages(NamedTuple):
-    """What one Step adds to a recording."""
+    """Messages of one Step."""
 
     texts: bytes | None
-    """For the channel ``step/texts``, before ``step``; None when it is the same as at the last tick."""
+    """For the topic ``step/texts``, to be written before ``step``; None when unchanged."""
     step: bytes
 
 
+class TextRecord(NamedTuple):
+    """A message of ``step/texts``."""
+
+    number: int
+    fields: TextFields
+
+
+def text_fields(step: Step) -> TextFields:
+    """The text fields of a Step."""
+    values: TextFields = _texts(step)
+    return values
+
+
 class StepEncoder:
-    """Steps -> messages. Holds the last texts, so that they are written only when they change."""
+    """Steps -> messages; keeps the last text record, so that one is written only when it changes."""
 
     def __init__(self, name: str, n: int) -> None:
-        """``name`` of the node, for people; ``n`` joints."""
+        """``name``: full name of the node; ``n``: number of joints."""
         self._name = name
         self._prefix, size = _step_prefix(n)
         self._length = len(self._prefix) + size
         self._number = -1
-        self._last: Words | None = None
-        encode_texts(
-            name, 0, Words(Status(Level.OK, Mode.WAITING, ""), (), ())
-        )  # compiles the serialiser before the first tick
+        self._last: TextFields | None = None
+        no_names = [Status(Level.OK, Mode.WAITING, "") if field.kind is Kind.STATUS else () for field in TEXT_FIELDS]
+        encode_texts(name, 0, tuple(no_names))  # compiles the serialiser before the first control step
 
     def repeat_texts(self) -> None:
-        """The last text record was lost: the next Step brings its own."""
+        """Encodes the texts with the next Step again, because the last record could not be written."""
         self._last = None
 
     def encode(self, step: Step) -> StepMessages:
-        """The messages of ``step``."""
-        texts, number, words = None, self._number, words_of(step)
-        if words != self._last:
+        """Encodes a Step.
+
+        Args:
+            step: A Step of ``n`` joints.
+
+        Returns:
+            The message of the topic ``step``, and that of ``step/texts`` when the text fields changed.
+
+        Raises:
+            RecordingError: The Step has another number of joints.
+        """
+        texts, number, fields = None, self._number, text_fields(step)
+        if fields != self._last:
             number += 1
-            texts = encode_texts(self._name, number, words)
+            texts = encode_texts(self._name, number, fields)
         numbers = self.numbers(step, number)
-        self._last, self._number = words, number
+        self._last, self._number = fields, number
         return StepMessages(texts, numbers)
 
     def numbers(self, step: Step, text_number: int) -> bytes:
-        """The message of ``step`` for the channel ``step``; its texts have this number."""
+        """The ``step`` message that refers to text record ``text_number``."""
         now_s, now_ns = divmod(step.now.monotonic_ns, NS)
         ros_s, ros_ns = divmod(step.now.ros_ns, NS)
         state_s, state_ns = divmod(step.state_time_ns, NS)
@@ -136,64 +148,35 @@ class StepEncoder:
             (
                 self._prefix,
                 _head.pack(step.tick, now_s, now_ns, ros_s, ros_ns, state_s, state_ns, text_number),
-                step.joint_position.tobytes(),
-                step.joint_velocity.tobytes(),
-                step.pose_sb.tobytes(),
-                step.pose_sd.tobytes(),
-                step.error_b.tobytes(),
-                step.feedforward_b.tobytes(),
-                step.twist_b.tobytes(),
-                step.lost_b.tobytes(),
-                step.multiplier_task.tobytes(),
-                step.multiplier_potential.tobytes(),
-                step.singular_values.tobytes(),
-                step.closest_points.tobytes(),
-                _numbers.pack(step.scale, step.progress, step.path_distance, step.clearance),
+                *[values.tobytes() for values in _arrays(step)],
+                _number_block.pack(*_numbers(step)),
             )
         )
         if len(data) != self._length:
-            raise RecordingError(f"Step message of {len(data)} bytes, expected {self._length}: other joints?")
+            raise RecordingError(f"Step message has {len(data)} bytes, expected {self._length}: other number of joints")
         return data
 
 
-class Words(NamedTuple):
-    """What of a Step is text."""
-
-    status: Status
-    binding: tuple[str, ...]
-    closest_pair: tuple[str, ...]
-
-
-def words_of(step: Step) -> Words:
-    """The texts of a Step."""
-    return Words(step.status, step.binding, step.closest_pair)
-
-
-class Texts(NamedTuple):
-    """A text record."""
-
-    number: int
-    words: Words
-
-
 class StepDecoder:
-    """Messages -> Steps; takes a message of ``step/texts`` before the first of ``step`` that it belongs to."""
+    """Messages -> Steps; a ``step/texts`` message must be passed in before the ``step`` messages that refer to it."""
 
     def __init__(self) -> None:
-        self._texts: dict[int, Texts] = {}
+        self._texts: dict[int, TextRecord] = {}
         self._prefix = b""
         self._slices: dict[str, slice] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
         self._texts_offset = 0
 
     def texts(self, data: bytes) -> None:
-        """Takes a message of ``step/texts``."""
-        texts = decode_texts(data)
-        self._texts[texts.number] = texts
+        """Stores a message of ``step/texts``."""
+        record = decode_texts(data)
+        self._texts[record.number] = record
 
-    def texts_of(self, data: bytes) -> Texts:
-        """The text record of a message of ``step``; RecordingError when the bytes are none, or it was not taken."""
+    def texts_of(self, data: bytes) -> TextRecord:
+        """The text record of a ``step`` message; raises RecordingError when either is invalid or missing."""
         if not self._prefix or not data.startswith(self._prefix):
             self._prefix, self._slices = read_layout(data)
+            self._shapes = shapes(self._slices)
             self._texts_offset = len(self._prefix) + 8 * self._slices["texts"].start
         number = int(_number.unpack_from(data, self._texts_offset)[0])
         texts = self._texts.get(number)
@@ -202,31 +185,41 @@ class StepDecoder:
         return texts
 
     def step(self, data: bytes) -> Step:
-        """The Step of a message of ``step``.
+        """Decodes a ``step`` message.
 
-        Raises RecordingError when the bytes are none, or when its text record was not taken.
+        Args:
+            data: CDR bytes.
+
+        Returns:
+            The Step with all bits of the encoded one.
+
+        Raises:
+            RecordingError: The bytes are no Step, or its text record was not passed in.
         """
-        texts = self.texts_of(data)
+        record = self.texts_of(data)
         numbers = np.frombuffer(data, "<f8", offset=len(self._prefix)).astype(np.float64)
-        part = {label: numbers[place] for label, place in self._slices.items()}
-        fields: dict[str, Any] = {name: part[name].copy() for name in ARRAYS}
-        fields.update({name: fields[name].reshape(4, 4) for name in POSES})
-        fields["closest_points"] = fields["closest_points"].reshape(2, 3)
-        fields.update({name: float(part[name][0]) for name in NUMBERS})
+        slices = {label: numbers[place] for label, place in self._slices.items()}
+        values: dict[str, Any] = {
+            field.name: slices[field.name].reshape(self._shapes[field.name]).copy() for field in ARRAY_FIELDS
+        }
+        values.update({field.name: float(slices[field.name][0]) for field in NUMBER_FIELDS})
+        values.update({field.name: value for field, value in zip(TEXT_FIELDS, record.fields, strict=True)})
         return Step(
-            tick=int(part["tick"][0]),
-            now=Instant(_time(part["now_monotonic"]), _time(part["now_ros"])),
-            state_time_ns=_time(part["state_time"]),
-            **texts.words._asdict(),
-            **fields,
+            tick=int(slices["tick"][0]),
+            now=Instant(_time(slices["now_monotonic"]), _time(slices["now_ros"])),
+            state_time_ns=_time(slices["state_time"]),
+            **values,
         )
 
 
 def read_layout(data: bytes) -> tuple[bytes, dict[str, slice]]:
-    """The bytes before the numbers of a ``step`` message, and the slice of the numbers behind each label."""
+    """The bytes before the numbers of a ``step`` message, and label -> slice of the numbers.
+
+    Raises RecordingError naming the slices when one is missing or the sizes do not match the data.
+    """
     message = deserialize(data, STEP_TYPE)
     sizes = {str(dim.label): int(dim.size) for dim in message.layout.dim}
-    missing = [label for label in (*_HEAD, *ARRAYS, *NUMBERS) if label not in sizes]
+    missing = [label for label in (*HEAD_SIZES, *(field.name for field in FIELDS)) if label not in sizes]
     if missing:
         raise RecordingError(f"Step message without the slices {', '.join(missing)}; it has: {', '.join(sizes)}")
     slices, begin = {}, 0
@@ -234,16 +227,26 @@ def read_layout(data: bytes) -> tuple[bytes, dict[str, slice]]:
         slices[label] = slice(begin, begin + size)
         begin += size
     if begin != len(message.data):
-        raise RecordingError(f"Step message holds {len(message.data)} numbers; its layout says {begin}")
+        raise RecordingError(f"Step message has {len(message.data)} numbers, but its layout declares {begin}")
+    for name, shape in shapes(slices).items():
+        if sizes[name] != prod(shape):
+            raise RecordingError(f"slice {name} of a Step message has {sizes[name]} numbers, expected {prod(shape)}")
     return data[: len(data) - 8 * begin], slices
 
 
-def encode_texts(name: str, number: int, words: Words) -> bytes:
-    """The message of one text record."""
-    status = words.status
+def shapes(slices: dict[str, slice]) -> dict[str, tuple[int, ...]]:
+    """Field -> shape of its value, for slices of :func:`read_layout`."""
+    joints = slices["joint_position"]
+    n = joints.stop - joints.start
+    return {field.name: field.shape(n) for field in FIELDS}
+
+
+def encode_texts(name: str, number: int, fields: TextFields) -> bytes:
+    """The message of one text record; ``name``: full name of the node."""
+    values = {field.name: value for field, value in zip(TEXT_FIELDS, fields, strict=True)}
+    status: Status = values["status"]
     pairs = [("number", str(number)), ("mode", status.mode.value)]
-    pairs += [("binding", limit) for limit in words.binding]
-    pairs += [("closest", part) for part in words.closest_pair]
+    pairs += [(field, entry) for field in _NAMES for entry in values[field]]
     message = make(
         TEXTS_TYPE,
         level=status.level.value,
@@ -255,31 +258,34 @@ def encode_texts(name: str, number: int, words: Words) -> bytes:
     return serialize(message)
 
 
-def decode_texts(data: bytes) -> Texts:
-    """The text record in a message of ``step/texts``."""
+def decode_texts(data: bytes) -> TextRecord:
+    """The text record in a message of ``step/texts``; raises RecordingError when it is none."""
     message = deserialize(data, TEXTS_TYPE)
-    values = [(str(pair.key), str(pair.value)) for pair in message.values]
-    single = dict(values)
+    pairs = [(str(pair.key), str(pair.value)) for pair in message.values]
+    single = dict(pairs)
     try:
         status = Status(Level(int(message.level)), Mode(single["mode"]), str(message.message))
-        binding, closest = (tuple(value for key, value in values if key == wanted) for wanted in ("binding", "closest"))
-        return Texts(int(single["number"]), Words(status, binding, closest))
+        values: list[Any] = [
+            status if field.kind is Kind.STATUS else tuple(value for key, value in pairs if key == field.name)
+            for field in TEXT_FIELDS
+        ]
+        return TextRecord(int(single["number"]), tuple(values))
     except (KeyError, ValueError) as error:
         raise RecordingError(f"text record of a Step cannot be read: {error}") from error
 
 
 def encode_call(call: Call) -> bytes:
-    """The message of one call."""
+    """The message of a call."""
     return _CALL_TEMPLATE.fill(0, _call.pack(call.kind, call.sequence, *call.now))
 
 
 def decode_call(data: bytes) -> Call:
-    """The call in a message of ``calls``; RecordingError when the kind is unknown."""
+    """The call in a message of ``calls``; raises RecordingError when it is none or its kind is unknown."""
     if len(data) <= _call.size:
         raise RecordingError(f"call record cannot be read: it has {len(data)} bytes")
     kind, sequence, monotonic_ns, ros_ns = _call.unpack_from(data, len(data) - _call.size)
     if kind not in _KINDS:
-        raise RecordingError(f"call record cannot be read: {kind} is no valid kind")
+        raise RecordingError(f"call record cannot be read: unknown kind {kind}")
     return Call(_KINDS[kind], sequence, Instant(monotonic_ns, ros_ns))
 
 
@@ -287,19 +293,13 @@ def _time(parts: Array) -> int:
     return int(parts[0]) * NS + int(parts[1])
 
 
-def _sizes(n: int) -> dict[str, int]:
-    joint = dict.fromkeys(("joint_position", "joint_velocity"), n)
-    other = dict.fromkeys(POSES, 16) | {"singular_values": min(6, n)}
-    return {name: joint.get(name, other.get(name, 6)) for name in ARRAYS}
-
-
 def _dimension(label: str, size: int) -> object:
     return make("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=size)
 
 
 def _step_prefix(n: int) -> tuple[bytes, int]:
-    """The bytes before the numbers of a ``step`` message, which are the same in all, and how many follow."""
-    sizes = dict(zip(_HEAD, _HEAD_SIZES, strict=True)) | _sizes(n) | dict.fromkeys(NUMBERS, 1)
+    """The constant bytes before the numbers of a ``step`` message, and the size of the numbers in bytes."""
+    sizes = HEAD_SIZES | {field.name: prod(field.shape(n)) for field in FIELDS}
     dimensions = [_dimension(label, size) for label, size in sizes.items()]
     total = sum(sizes.values())
     layout = make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0)

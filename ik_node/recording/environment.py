@@ -1,8 +1,9 @@
-"""What bits depend on beside the inputs: our code, the libraries, Python, the processor."""
+"""Versions and platform on which the bits of a result depend besides the inputs."""
 
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import platform
 from collections.abc import Mapping
 from functools import cache
@@ -13,7 +14,6 @@ from types import MappingProxyType
 import numpy as np
 
 import ik_node
-from ik_node.source import source_digest
 
 DISTRIBUTIONS = (
     "pin",
@@ -28,13 +28,27 @@ DISTRIBUTIONS = (
     "ros-jazzy-rclpy",
 )
 SOURCE = "source"
-"""Key of the digest of our own code."""
-_HARMLESS = ("rosbags", "mcap", "ros-jazzy-rclpy", "example-robot-data")  # carry bytes, do not calculate
+"""Key of the digest of this package."""
+_IRRELEVANT = ("rosbags", "mcap", "ros-jazzy-rclpy", "example-robot-data")  # transport data, do not compute
+_NOT_COMPUTING = ("ros", "cli", "report", "viewer", "recording", "replay", "messages")
+"""Folders of this package that cannot change a command."""
+
+
+@cache
+def source_digest() -> str:
+    """Digest, 16 hexadecimal digits, of all files of this package that can change a command."""
+    folder = Path(ik_node.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        place = path.relative_to(folder)
+        if place.parts[0] not in _NOT_COMPUTING:
+            digest.update(place.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Our version and a digest of our code, versions of the libraries and of Python, the processor, BLAS's kernels."""
+    """Version and digest of this package, versions of libraries and Python, processor, and kernels of BLAS."""
     found = {
         "ik_node": ik_node.__version__,
         SOURCE: source_digest(),
@@ -53,18 +67,22 @@ def versions() -> Mapping[str, str]:
 
 
 def differences(recorded: Mapping[str, str]) -> tuple[str, ...]:
-    """What is different here from where ``recorded`` was true, as far as it can change bits; for people."""
+    """Differences between recorded and present versions that can change bits, as texts.
+
+    Args:
+        recorded: Result of :func:`versions` in the recorded process.
+    """
     here = versions()
-    names = [name for name in dict.fromkeys((*recorded, *here)) if name not in _HARMLESS]
+    names = [name for name in dict.fromkeys((*recorded, *here)) if name not in _IRRELEVANT]
     return tuple(
-        f"{name} {recorded.get(name, 'none')} there, {here.get(name, 'none')} here"
+        f"{name}: recorded {recorded.get(name, 'none')}, here {here.get(name, 'none')}"
         for name in names
         if recorded.get(name) != here.get(name)
     )
 
 
 def _processor() -> str:
-    """Its name as the kernel has it; functions of the C library choose their code by it."""
+    """Model name; functions of the C library select their code by processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -73,7 +91,7 @@ def _processor() -> str:
 
 
 def _blas() -> str:
-    """Version, and the kernels that NumPy's OpenBLAS has chosen for this processor; empty when it is another BLAS."""
+    """Version and selected kernels of NumPy's OpenBLAS; empty for another BLAS."""
     for path in sorted((Path(np.__file__).parent.parent / "numpy.libs").glob("libscipy_openblas64_*")):
         try:
             config = ctypes.CDLL(str(path)).scipy_openblas_get_config64_

@@ -1,28 +1,33 @@
-"""A run as a table, for spreadsheets and other people's programs: CSV or JSON, one row per tick."""
+"""Export of a run as CSV or JSON, one row per control step.
+
+Columns of a Step's fields are named ``field.component_unit``, for example ``pose_sb.x_m`` or ``twist_b.rz_rad_s``, and
+follow the declaration in :mod:`ik_node.interfaces.step`.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ik_node.errors import RecordingError
+from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, Kind, StepField
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.se3 import Array, quaternion_from_rotation
-
-_AXES = ("x", "y", "z")
-_ERROR = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
-_TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
-_WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-_QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 def columns(run: Run) -> dict[str, list[Any]]:
-    """Name of a column (with its unit) -> values, one per tick; None where a tick computed nothing."""
+    """The columns of the table.
+
+    Args:
+        run: A recorded run.
+
+    Returns:
+        Column name -> one value per control step; None where nothing was computed.
+    """
     table: dict[str, list[Any]] = {
         "tick": run.tick.tolist(),
         "time_s": run.times_s.tolist(),
@@ -32,14 +37,20 @@ def columns(run: Run) -> dict[str, list[Any]]:
         "level": [status.level.name.lower() for status in run.status],
         "reason": [status.reason for status in run.status],
         "binding": ["; ".join(names) for names in run.binding],
+        "closest_pair": ["; ".join(names) for names in run.closest_pair],
     }
-    for name, values in _arrays(run):
-        table[name] = _plain(values)
+    for field in (*ARRAY_FIELDS, *NUMBER_FIELDS):
+        values = run.columns[field.name]
+        if field.kind is Kind.POSE:
+            values = np.hstack((values[:, :3, 3], _quaternions(values)))
+        names = _component_names(field, run.joints)
+        for name, column in zip(names, values.reshape(len(values), len(names)).T, strict=True):
+            table[name] = _plain(column)
     return table
 
 
 def write_csv(run: Run, path: Path) -> None:
-    """One row per tick, the names of the columns first; RecordingError where ``path`` exists or cannot be written."""
+    """Writes the table with a header line; raises RecordingError when ``path`` exists or cannot be written."""
     table = columns(run)
     try:
         with path.open("x", newline="", encoding="utf-8") as file:
@@ -51,7 +62,7 @@ def write_csv(run: Run, path: Path) -> None:
 
 
 def write_json(run: Run, path: Path) -> None:
-    """What the run is about, and the columns; RecordingError where ``path`` exists or cannot be written."""
+    """Writes run information and columns; raises RecordingError when ``path`` exists or cannot be written."""
     document = {
         "robot": run.robot,
         "joints": list(run.joints),
@@ -70,42 +81,34 @@ def write_json(run: Run, path: Path) -> None:
         raise RecordingError(f"'{path}' cannot be written: {error.strerror}") from error
 
 
-def _arrays(run: Run) -> Iterator[tuple[str, Array]]:
-    for name, values, unit in (("q", run.q, "rad_m"), ("command", run.joint_velocity, "rad_s_m_s")):
-        for index, joint in enumerate(run.joints):
-            yield f"{name}.{joint}_{unit}", values[:, index]
-    for name, poses in (("tool", run.pose_sb), ("target", run.pose_sd)):
-        yield from _split(name, poses[:, :3, 3], [f"{axis}_m" for axis in _AXES])
-        yield from _split(name, _quaternions(poses), _QUATERNION)
-    for name, twists in (
-        ("error_b", run.error_b),
-        ("feedforward_b", run.feedforward_b),
-        ("twist_b", run.twist_b),
-        ("lost_b", run.lost_b),
-    ):
-        yield from _split(name, twists, _ERROR if name == "error_b" else _TWIST)
-    for name, wrenches in (
-        ("multiplier_task", run.multiplier_task),
-        ("multiplier_potential", run.multiplier_potential),
-    ):
-        yield from _split(name, wrenches, _WRENCH)
-    for name, numbers in (
-        ("scale", run.scale),
-        ("progress", run.progress),
-        ("path_distance_m", run.path_distance),
-        ("clearance_m", run.clearance),
-    ):
-        yield name, numbers
-    for index in range(run.singular_values.shape[1]):
-        yield f"singular_value_{index + 1}_m", run.singular_values[:, index]
+def _component_names(field: StepField, joints: tuple[str, ...]) -> list[str]:
+    """Column names of a field, with units."""
+    linear, _, angular = field.quantity.unit.partition(", ")
+    axes = [f"{axis}{_suffix(linear)}" for axis in "xyz"]
+    count = field.shape(len(joints))
+    components = {
+        Kind.JOINTS: [f"{joint}{_suffix(linear)}" for joint in joints],
+        Kind.POSE: [*axes, "qx", "qy", "qz", "qw"],
+        Kind.TWIST: [*axes, *(f"r{axis}{_suffix(angular)}" for axis in "xyz")],
+        Kind.POINT_PAIR: [f"{point}_{axis}" for point in ("first", "second") for axis in axes],
+    }
+    if field.kind is Kind.NUMBER:
+        return [f"{field.name}{_suffix(linear)}"]
+    names = components.get(field.kind) or [f"{index + 1}{_suffix(linear)}" for index in range(count[0])]
+    return [f"{field.name}.{name}" for name in names]
 
 
-def _split(name: str, values: Array, parts: Any) -> Iterator[tuple[str, Array]]:
-    for index, part in enumerate(parts):
-        yield f"{name}.{part}", values[:, index]
+def _suffix(unit: str) -> str:
+    """A unit as the end of a column name: ``rad/s (m/s)`` -> ``_rad_s_m_s``."""
+    plain = unit.replace("(", "").replace(")", "").replace("/", "_").replace(" ", "_")
+    return f"_{plain}" if plain else ""
 
 
 def _quaternions(poses: Array) -> Array:
+    """x, y, z, w of poses (k, 4, 4); NaN where the pose is."""
+    # Imported here because it loads numba, which reading a recording does not need.
+    from ik_node.math.se3 import quaternion_from_rotation
+
     result = np.full((len(poses), 4), np.nan)
     for index in np.flatnonzero(np.isfinite(poses[:, 0, 0])).tolist():
         result[index] = quaternion_from_rotation(poses[index, :3, :3])

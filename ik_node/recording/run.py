@@ -1,39 +1,39 @@
-"""A recorded run as arrays over ticks: what the report, the viewer and the tests read.
+"""A recorded run as arrays over control steps, for the report, the viewer and analyses.
 
-Rows of every array belong together: row i is tick i of the recording. Where a tick computed nothing (a stopped one)
-its floats are NaN. Twists: linear part first.
+Row i of every array and tuple belongs to control step i of the recording. What a stopped controller did not compute is
+NaN. Twists: linear components first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.se3 import Array
-from ik_node.settings import Value
-from ik_node.step import Status
+from ik_node.interfaces.step import Status
+from ik_node.math.types import Array
+from ik_node.settings.schema import Value
 
 
 class StatusChange(NamedTuple):
-    """From this moment on the controller was in ``status``."""
+    """Time from which the controller had a status."""
 
     time_s: float
     """On the axis of ``Run.times_s``."""
     status: Status
 
 
-class Targets(NamedTuple):
-    """Every target pose that arrived, refused ones too, as received."""
+class RecordedTargets(NamedTuple):
+    """All m received target poses, also the refused ones."""
 
     times_s: Array
     """Arrival, (m,), on the axis of ``Run.times_s``."""
     received_ros_ns: NDArray[np.int64]
     """Arrival in ROS time, (m,)."""
     stamp_ns: NDArray[np.int64]
-    """Header stamps, (m,); 0 meant "now"."""
+    """Header stamps, (m,); 0 means "at arrival"."""
     position: Array
     """(m, 3), m."""
     quaternion_xyzw: Array
@@ -42,79 +42,79 @@ class Targets(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One recording; k ticks, n joints."""
+    """A recorded run of k control steps and n joints.
+
+    The arrays and numbers of a Step are attributes as well, under their names in Step: ``run.twist_b`` is (k, 6),
+    ``run.scale`` is (k,).
+    """
 
     robot: str
-    """Name of the robot, or empty when it came as a URDF."""
+    """Name in example-robot-data; empty when the robot was given as URDF."""
     urdf: str
     joints: tuple[str, ...]
     lower: Array
-    """Position limits in force at the start, (n,), rad (m); infinite where there is none."""
+    """Lower position limits at the start, (n,), rad (m); -inf for none."""
     upper: Array
+    """Upper position limits, (n,), rad (m); inf for none."""
     velocity_limits: Array
-    """In force at the start, (n,), rad/s (m/s); infinite where there is none."""
+    """(n,), rad/s (m/s); inf for none."""
     base_frame: str
+    """Frame {s}."""
     tip_frame: str
+    """Frame {b}."""
     settings: Mapping[str, Value]
-    """Every parameter by full name at the start of the recording."""
+    """Parameters at the start, by full name."""
     setting_changes: tuple[tuple[float, Mapping[str, Value]], ...]
-    """(time_s, parameters by full name) of each later change."""
+    """Time on the axis of ``times_s``, and the parameters that were changed."""
     versions: Mapping[str, str]
-    """Distribution name -> version of what made the run."""
-
+    """Of this package, its libraries and the platform."""
     tick: NDArray[np.int64]
-    """Running number since configuration, (k,); a gap means that the recording lost ticks."""
+    """Number of the control step since configuration, (k,); a gap means that steps are missing."""
     times_s: Array
-    """When each tick was made, (k,), s from the first one, on the steady clock."""
+    """Time of the control steps, (k,), on the steady clock; the first is 0."""
     ros_ns: NDArray[np.int64]
-    """The same moments in ROS time, (k,)."""
+    """The same in ROS time, (k,)."""
     state_times_s: Array
-    """When ``q`` held, (k,), on the axis of ``times_s``."""
+    """Time at which the joint positions were measured, (k,), on the axis of ``times_s``."""
     state_ros_ns: NDArray[np.int64]
-    """When ``q`` held, in ROS time, (k,)."""
-    q: Array
-    """Measured joint positions, (k, n), rad (m)."""
-    joint_velocity: Array
-    """The command, (k, n), rad/s (m/s)."""
-    pose_sb: Array
-    """Tool poses, (k, 4, 4)."""
-    pose_sd: Array
-    """Desired poses at ``state_times_s``, (k, 4, 4)."""
-    error_b: Array
-    """log(T_bd), (k, 6), m and rad."""
-    feedforward_b: Array
-    """Ad(T_bd) V_d, (k, 6), m/s and rad/s."""
-    twist_b: Array
-    """V, (k, 6)."""
-    lost_b: Array
-    """V - V_f, (k, 6)."""
-    scale: Array
-    """s, (k,)."""
-    multiplier_task: Array
-    """(k, 6)."""
-    multiplier_potential: Array
-    """(k, 6)."""
-    singular_values: Array
-    """Descending, (k, min(6, n)), m."""
-    progress: Array
-    """Part of the path that has been gone through, (k,)."""
-    path_distance: Array
-    """Distance of the tool point from the path, (k,), m."""
-    clearance: Array
-    """Distance of the closest pair, (k,), m."""
-    closest_points: Array
-    """Where that is, in the base frame, (k, 2, 3), m."""
-    closest_pair: tuple[tuple[str, ...], ...]
-    """Its names, per tick."""
-    binding: tuple[tuple[str, ...], ...]
-    """Names of the limits that bound, per tick."""
-    status: tuple[Status, ...]
-    """Per tick."""
-    statuses: tuple[StatusChange, ...]
-    """The changes of ``status`` only."""
-    targets: Targets
-
+    """The same in ROS time, (k,)."""
+    columns: Mapping[str, Array]
+    """Array or number of a Step -> values, (k, *shape)."""
+    texts: Mapping[str, tuple[Any, ...]]
+    """Text field of a Step -> value per control step."""
+    status_changes: tuple[StatusChange, ...]
+    targets: RecordedTargets
     dropped: int
-    """Messages that the writer had to leave out, as far as the recording says."""
+    """Messages that the writer left out, according to the recording."""
     complete: bool
-    """Closed by its writer; False when it was cut off."""
+    """True when the writer closed the recording."""
+
+    def __getattr__(self, name: str) -> Array:
+        """An array or number of a Step over the run."""
+        if name in self.columns:
+            return self.columns[name]
+        raise AttributeError(f"Run has no attribute '{name}'")
+
+    def with_columns(self, **columns: Array) -> Run:
+        """A copy with other values of some columns, (k, *shape)."""
+        return self._replace(columns={**self.columns, **columns})
+
+    @property
+    def q(self) -> Array:
+        """Measured joint positions, (k, n), rad (m)."""
+        return self.columns["joint_position"]
+
+    @property
+    def status(self) -> tuple[Status, ...]:
+        """Status per control step."""
+        return self.texts["status"]
+
+    @property
+    def binding(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the active limits per control step."""
+        return self.texts["binding"]
+
+    @property
+    def closest_pair(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the closest pair per control step."""
+        return self.texts["closest_pair"]

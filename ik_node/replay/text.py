@@ -1,4 +1,4 @@
-"""What came of a replay, for people and for machines."""
+"""Results of a replay as text and as JSON."""
 
 from __future__ import annotations
 
@@ -6,82 +6,87 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ik_node.recording.events import RecordedCalls
-from ik_node.replay.same import SINGULAR_TOLERANCE, TOLERANCE, Comparison, Parting
-from ik_node.replay.what_if import Figures, OpenLoop
+from ik_node.recording.call_log import RecordedCalls
+from ik_node.replay.bitwise import SINGULAR_TOLERANCE, TOLERANCE, Comparison, Mismatch
+from ik_node.replay.what_if import OpenLoopMetrics, VariantMetrics
 
-_LONGEST = 300
+_MAX_LENGTH = 300
 
 
-def as_plain(found: Comparison) -> dict[str, Any]:
-    """Figures as JSON has them."""
+def as_plain(result: Comparison) -> dict[str, Any]:
+    """A bitwise replay as JSON data."""
     return {
-        "identical": found.identical,
-        "holds": found.holds,
+        "identical": result.identical,
+        "passed": result.passed,
         "tolerance": TOLERANCE,
         "singular_tolerance": SINGULAR_TOLERANCE,
-        "calls": found.calls,
-        "ticks": found.ticks,
-        "duration_s": found.duration_s,
-        "checkpoints": found.checkpoints,
-        "lost": {"calls": found.lost_calls, "skipped_calls": found.skipped_calls, "steps": found.lost_steps},
-        "elsewhere": list(found.elsewhere),
-        "largest": {name: None if math.isinf(size) else size for name, size in found.largest.items()},
-        "sayings": found.sayings,
-        "first": _plain_parting(found.first),
-        "beyond": _plain_parting(found.beyond),
+        "calls": result.calls,
+        "steps": result.steps,
+        "duration_s": result.duration_s,
+        "snapshots": result.snapshots,
+        "missing": {
+            "calls": result.missing_calls,
+            "skipped_calls": result.skipped_calls,
+            "steps": result.missing_steps,
+        },
+        "environment_differences": list(result.environment_differences),
+        "max_difference": {name: None if math.isinf(size) else size for name, size in result.max_difference.items()},
+        "text_mismatches": result.text_mismatches,
+        "first": _plain_mismatch(result.first),
+        "first_beyond_tolerance": _plain_mismatch(result.first_beyond_tolerance),
     }
 
 
-def _plain_parting(parting: Parting | None) -> dict[str, Any] | None:
-    if parting is None:
+def _plain_mismatch(mismatch: Mismatch | None) -> dict[str, Any] | None:
+    if mismatch is None:
         return None
-    size = None if math.isinf(parting.size) else parting.size
-    where = {"tick": parting.tick, "time_s": parting.time_s, "source": parting.source, "field": parting.field}
-    return {**where, "size": size, "recorded": parting.recorded, "replayed": parting.replayed}
+    size = None if math.isinf(mismatch.size) else mismatch.size
+    where = {"tick": mismatch.tick, "time_s": mismatch.time_s, "source": mismatch.source, "field": mismatch.field}
+    return {**where, "size": size, "recorded": mismatch.recorded, "replayed": mismatch.replayed}
 
 
-def as_text(recorded: RecordedCalls, found: Comparison, took_s: float) -> str:
-    """A few lines."""
+def as_text(recorded: RecordedCalls, result: Comparison, took_s: float) -> str:
+    """A bitwise replay in a few lines."""
     head = recorded.head
     robot = head.setup["robot"] or "a robot given as URDF"
     lines = [
         f"recording {recorded.path}: {head.node}, {robot}, method {head.settings.control.method}",
-        f"replayed  {found.calls} calls, {found.ticks} ticks, {found.duration_s:.1f} s in {took_s:.2f} s"
-        f" ({found.duration_s / took_s:.1f} times real time)",
+        f"replayed  {result.calls} calls, {result.steps} control steps, {result.duration_s:.1f} s in {took_s:.2f} s"
+        f" ({result.duration_s / took_s:.1f} times real time)",
     ]
     if not recorded.recording.complete:
-        lines.append("cut off   its writer did not end it; ik_repair makes it whole")
-    if found.lost_calls or found.lost_steps:
+        lines.append("cut off   its writer did not close it; ik_repair completes it")
+    if result.missing_calls or result.missing_steps:
         lines.append(
-            f"lost      {found.lost_calls} calls and {found.lost_steps} steps are not in the recording;"
-            f" {found.skipped_calls} calls until the next recorded state were not tried"
+            f"missing   {result.missing_calls} calls and {result.missing_steps} Steps;"
+            f" {result.skipped_calls} calls before the next recorded snapshot were skipped"
         )
-    return "\n".join((*lines, *_verdict(found)))
+    return "\n".join((*lines, *_conclusion(result)))
 
 
-def _verdict(found: Comparison) -> list[str]:
-    if found.first is None:
-        states = f", and so are {found.checkpoints} recorded states" if found.checkpoints else ""
-        return [f"same      every step is bit for bit the recorded one{states}"]
-    there = [f"          {line}" for line in found.elsewhere]
-    if there:
-        there = ["made      elsewhere, or by other code:", *there]
-    largest = [f"          {name} parts by up to {size:.3g}" for name, size in found.largest.items()]
-    if found.sayings:
-        largest.append(f"          {found.sayings} steps say something else of status, limits or the closest pair")
-    if found.holds:
+def _conclusion(result: Comparison) -> list[str]:
+    if result.first is None:
+        snapshots = f", and {result.snapshots} recorded snapshots" if result.snapshots else ""
+        return [f"identical every Step is bit for bit the recorded one{snapshots}"]
+    environment = [f"          {line}" for line in result.environment_differences]
+    if environment:
+        environment = ["recorded  in another environment:", *environment]
+    largest = [f"          {name} differs by up to {size:.3g}" for name, size in result.max_difference.items()]
+    if result.text_mismatches:
+        largest.append(f"          {result.text_mismatches} Steps with another status, other limits or another pair")
+    if result.passed:
         bound = f"{TOLERANCE:g}, near singularities {SINGULAR_TOLERANCE:g}"
-        return [*there, f"same      but for rounding: no number parts by more than {bound}", *largest]
-    parting = found.beyond if there and found.beyond is not None else found.first
-    return [*there, *_parting(parting), "apart     at most, in SI units:", *largest]
+        return [*environment, f"equal     within rounding: no number differs by more than {bound}", *largest]
+    mismatch = result.first_beyond_tolerance if environment else None
+    return [*environment, *_mismatch_lines(mismatch or result.first), "largest   differences, in SI units:", *largest]
 
 
-def _parting(first: Parting) -> list[str]:
+def _mismatch_lines(first: Mismatch) -> list[str]:
+    where = f"at control step {first.tick}, {first.time_s:.6f} s, {first.source}"
     return [
-        f"parts     at tick {first.tick}, {first.time_s:.6f} s, {first.source}: {first.field} by {first.size:.3g}",
-        f"          recorded {first.recorded[:_LONGEST]}",
-        f"          replayed {first.replayed[:_LONGEST]}",
+        f"differs   {where}: {first.field} by {first.size:.3g}",
+        f"          recorded {first.recorded[:_MAX_LENGTH]}",
+        f"          replayed {first.replayed[:_MAX_LENGTH]}",
     ]
 
 
@@ -94,39 +99,39 @@ _ROWS = (
     ("kinetic energy max [J]", "energy_max_j", ".4g"),
     ("clearance min [mm]", "clearance_min_mm", ".1f"),
     ("s min", "scale_min", ".3f"),
-    ("ticks with s < 1 [%]", "scaled_percent", ".2f"),
+    ("control steps with s < 1 [%]", "scaled_percent", ".2f"),
     ("peak joint speed [% of limit]", "peak_speed_percent", ".1f"),
     ("peak joint speed [rad/s, m/s]", "peak_speed", ".3f"),
-    ("ticks with an error", "faults", "d"),
+    ("control steps with an error", "faults", "d"),
     ("targets refused", "refused", "d"),
 )
 _LABEL = max(len(label) for label, _, _ in _ROWS)
 
 
-def closed_loop_table(found: Sequence[Figures], against: str) -> str:
-    """Runs beside each other; ``against``: what errors are measured by."""
-    width = max(16, *(len(run.name) for run in found))
+def closed_loop_table(runs: Sequence[VariantMetrics], against: str) -> str:
+    """Simulated runs side by side; ``against``: the reference of the tracking errors."""
+    width = max(16, *(len(run.name) for run in runs))
     lines = [
         "what if   closed loop in the simulator, from the first recorded state, recorded targets and obstacles",
         f"          errors against {against}",
         "",
-        " " * _LABEL + "".join(f"  {run.name:>{width}}" for run in found),
-        f"{'method':<{_LABEL}}" + "".join(f"  {run.method:>{width}}" for run in found),
+        " " * _LABEL + "".join(f"  {run.name:>{width}}" for run in runs),
+        f"{'method':<{_LABEL}}" + "".join(f"  {run.method:>{width}}" for run in runs),
     ]
     for label, name, form in _ROWS:
-        lines.append(f"{label:<{_LABEL}}" + "".join(f"  {getattr(run, name):>{width}{form}}" for run in found))
+        lines.append(f"{label:<{_LABEL}}" + "".join(f"  {getattr(run, name):>{width}{form}}" for run in runs))
     return "\n".join(lines)
 
 
-def open_loop_table(found: Sequence[OpenLoop]) -> str:
+def open_loop_table(runs: Sequence[OpenLoopMetrics]) -> str:
     """Differences from the recorded commands."""
-    lines = ["open loop: commands on the recorded joint states less the recorded commands; nothing moves"]
-    for run in found:
+    lines = ["open loop: commands on the recorded joint states minus the recorded commands"]
+    for run in runs:
         size = f"{run.difference_rms:.3g} rms, {run.difference_max:.3g} at most [rad/s, m/s]"
-        lines.append(f"  {run.name}: {size}, {run.ticks} ticks")
+        lines.append(f"  {run.name}: {size}, {run.steps} control steps")
     return "\n".join(lines)
 
 
 def used_topics(used: Mapping[str, tuple[str, int]]) -> str:
-    """What of a foreign bag is taken for what."""
-    return "\n".join(f"taken     {count} messages of {topic} for {name}" for topic, (name, count) in used.items())
+    """Which topics of an external bag are used for which inputs."""
+    return "\n".join(f"used      {count} messages of {topic} as {name}" for topic, (name, count) in used.items())

@@ -1,4 +1,4 @@
-"""Runs with other settings beside each other, in figures."""
+"""Comparison of simulated runs with other settings by their metrics."""
 
 from __future__ import annotations
 
@@ -13,29 +13,36 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from ik_node.clock import NS
 from ik_node.errors import InputError
-from ik_node.limits import motion_limits
-from ik_node.recording.events import RecordedCalls
-from ik_node.recording.reader import load_run
-from ik_node.replay.garbage import seldom_collecting
-from ik_node.replay.simulation import Simulated, open_loop, simulate
-from ik_node.replay.source import Source, calls
-from ik_node.report.truth import FILE_NAME, Truth, read_truth, rotation_angle, truth_from_targets
-from ik_node.robot import Robot
-from ik_node.se3 import Array, quaternion_from_rotation
-from ik_node.settings import METHODS, Settings, Value
-from ik_node.step import Level, Step
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.step import Level, Step
+from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.math.types import Array
+from ik_node.recording.run_reader import load_run
+from ik_node.replay.call_source import CallSource, RecordingSource, calls
+from ik_node.replay.closed_loop import SimulatedRun, open_loop, simulate
+from ik_node.replay.gc_pause import infrequent_gc
+from ik_node.report.ground_truth import (
+    GROUND_TRUTH_FILE,
+    GroundTruth,
+    ground_truth_from_targets,
+    read_ground_truth,
+    rotation_angle,
+)
+from ik_node.robot.joint_limits import motion_limits
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import METHOD_NAMES, Settings
+from ik_node.settings.schema import Value
 
 SETTLE_S = 1.0
-"""Errors count from so long after the first target on: the way to it is not tracking."""
+"""Tracking errors are evaluated from this time after the first target, because the approach to it is no tracking."""
 
 
-Opened = Callable[[], Source]
+SourceFactory = Callable[[], CallSource]
 
 
 class Variant(NamedTuple):
-    """Settings to try."""
+    """Settings to simulate."""
 
     name: str
     changes: Mapping[str, Value]
@@ -43,69 +50,77 @@ class Variant(NamedTuple):
 
 
 RECORDED = Variant("recorded", {})
-"""The settings of the recording, run the same way as the others."""
+"""The recorded settings, simulated like the others."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Figures:
-    """What came of one closed-loop run. NaN: nothing to measure it by."""
+class VariantMetrics:
+    """Metrics of one closed-loop run. NaN: not available."""
 
     name: str
     method: str
-    ticks: int
+    steps: int
     position_rms_mm: float
     position_max_mm: float
     orientation_rms_mrad: float
     orientation_max_mrad: float
     energy_mean_j: float
-    """Kinetic energy 1/2 qd' M qd of the commands, mean over the ticks."""
+    """Kinetic energy 1/2 qd' M qd of the commands, mean over the control steps."""
     energy_max_j: float
     clearance_min_mm: float
-    """To the nearest obstacle or between own links; inf where nothing is watched."""
+    """To the nearest obstacle or between links; inf without distance monitoring."""
     scale_min: float
-    """Smallest s: part of the twist that the limits let through."""
+    """Smallest task scale s."""
     scaled_percent: float
-    """Ticks with s < 1."""
+    """Control steps with s < 1."""
     peak_speed_percent: float
-    """Of the joint that comes nearest to its velocity limit."""
+    """Of the joint that comes closest to its velocity limit."""
     peak_speed: float
     """Fastest joint, rad/s (m/s)."""
     faults: int
-    """Ticks whose status was an error."""
+    """Control steps with level ERROR."""
     refused: int
-    """Targets that were not taken."""
+    """Targets that the controller refused."""
 
 
-class OpenLoop(NamedTuple):
-    """Commands on the recorded joint states beside the recorded commands; nothing moves."""
+class OpenLoopMetrics(NamedTuple):
+    """Difference of the commands on the recorded joint states from the recorded commands."""
 
     name: str
-    ticks: int
-    """At which both command."""
+    steps: int
+    """Control steps with both commands."""
     difference_rms: float
     """Of the joint velocities, rad/s (m/s)."""
     difference_max: float
 
 
-def variants(recorded: Settings, methods: Sequence[str], changes: Mapping[str, Value]) -> tuple[Variant, ...]:
-    """One per method (``all``: every method), each with ``changes``; without those that are as recorded.
+def make_variants(recorded: Settings, methods: Sequence[str], changes: Mapping[str, Value]) -> tuple[Variant, ...]:
+    """The variants to simulate: one per method, each with ``changes``, without those equal to the recorded settings.
 
-    InputError with the valid methods when one is unknown.
+    Args:
+        recorded: Recorded settings.
+        methods: Names of methods; ``all`` for every one.
+        changes: Parameter -> value.
+
+    Raises:
+        InputError: A method is unknown; the message lists the valid ones.
     """
-    wanted = METHODS if "all" in methods else tuple(dict.fromkeys(methods))
-    for name in wanted:
-        if name not in METHODS:
-            raise InputError(f"unknown method '{name}'; valid: all, {', '.join(METHODS)}")
+    names = METHOD_NAMES if "all" in methods else tuple(dict.fromkeys(methods))
+    for name in names:
+        if name not in METHOD_NAMES:
+            raise InputError(f"unknown method '{name}'; valid: all, {', '.join(METHOD_NAMES)}")
     rest = ", ".join(f"{name}={_shown(value)}" for name, value in changes.items())
-    found = [Variant(f"{name}, {rest}" if rest else name, {"method": name, **changes}) for name in wanted]
-    tried = found or [Variant(rest, dict(changes))]
-    return tuple(variant for variant in tried if recorded.with_values(variant.changes) != recorded)
+    variants = [Variant(f"{name}, {rest}" if rest else name, {"method": name, **changes}) for name in names]
+    variants = variants or [Variant(rest, dict(changes))]
+    return tuple(variant for variant in variants if recorded.with_values(variant.changes) != recorded)
 
 
-def parsed(assignment: str) -> tuple[str, Value]:
-    """``name=value``, the value as YAML has it, as a parameter and its value.
+def parse_assignment(assignment: str) -> tuple[str, Value]:
+    """Parses ``name=value`` with a YAML value.
 
-    Raises InputError when it is no assignment, SettingsError when there is no such parameter or value.
+    Raises:
+        InputError: The text is no assignment.
+        SettingsError: There is no such parameter, or the value is invalid.
     """
     name, equals, text = assignment.partition("=")
     try:
@@ -118,43 +133,54 @@ def parsed(assignment: str) -> tuple[str, Value]:
 
 
 def _shown(value: Value) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(_shown(entry) for entry in value)}]"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def truth_of(path: Path, node: str) -> Truth | None:
-    """What the tool should have done: the trajectory that lies beside the recording, else the recorded targets."""
+def ground_truth_of(path: Path, node: str) -> GroundTruth | None:
+    """The reference trajectory: the one stored beside the recording, otherwise the recorded targets."""
     folder = path.resolve() if path.is_dir() else path.resolve().parent
-    beside = folder.parent / FILE_NAME
+    beside = folder.parent / GROUND_TRUTH_FILE
     if beside.is_file():
-        return read_truth(beside)
+        return read_ground_truth(beside)
     run = load_run(path, node)
-    return truth_from_targets(run.targets, run.base_frame)
+    return ground_truth_from_targets(run.targets, run.base_frame)
 
 
-def compare(opened: Opened, wanted: Sequence[Variant], truth: Truth | None, jobs: int) -> list[Figures]:
-    """Figures of every variant, on ``jobs`` processes at once.
+def compare(
+    opened: SourceFactory, variants: Sequence[Variant], truth: GroundTruth | None, jobs: int
+) -> list[VariantMetrics]:
+    """Simulates every variant.
 
-    ``opened`` gives the source anew at every call, in another process too.
+    Args:
+        opened: Opens the source; called once per variant, in another process when ``jobs`` > 1.
+        variants: Settings to simulate.
+        truth: Reference trajectory for tracking errors; None for none.
+        jobs: Number of processes.
+
+    Returns:
+        Metrics in the order of the variants.
     """
-    work = [(opened, variant, truth) for variant in wanted]
+    work = [(opened, variant, truth) for variant in variants]
     if jobs == 1:
         return [_run(*entry) for entry in work]
     with ProcessPoolExecutor(min(jobs, len(work)), get_context("fork")) as pool:
         return list(pool.map(_run, *zip(*work, strict=True)))
 
 
-def _run(opened: Opened, variant: Variant, truth: Truth | None) -> Figures:
+def _run(opened: SourceFactory, variant: Variant, truth: GroundTruth | None) -> VariantMetrics:
     source = opened()
-    with seldom_collecting():
-        return figures(source, variant, simulate(source, variant.changes), truth)
+    with infrequent_gc():
+        return metrics_of(source, variant, simulate(source, variant.changes), truth)
 
 
-def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | None) -> Figures:
-    """What there is to say of a closed-loop run; InputError when it has no tick."""
+def metrics_of(source: CallSource, variant: Variant, run: SimulatedRun, truth: GroundTruth | None) -> VariantMetrics:
+    """Metrics of a closed-loop run; raises InputError when it has no Step."""
     steps = run.steps
     if not steps:
-        raise InputError(f"the run '{variant.name}' has no tick")
-    settings = source.begins_with.with_values(variant.changes)
+        raise InputError(f"the run '{variant.name}' has no control step")
+    settings = source.initial_settings.with_values(variant.changes)
     robot = source.robot()
     velocity = np.array([step.joint_velocity for step in steps])
     energy = _energies(robot, steps)
@@ -163,10 +189,10 @@ def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | Non
     position, orientation = _errors(steps, truth)
     speed = np.abs(velocity).max(axis=0)
     limits = motion_limits(robot, settings.limits, settings.control.rate_hz).velocity
-    return Figures(
+    return VariantMetrics(
         name=variant.name,
         method=str(settings.control.method),
-        ticks=len(steps),
+        steps=len(steps),
         position_rms_mm=1e3 * _rms(position),
         position_max_mm=1e3 * _max(position),
         orientation_rms_mrad=1e3 * _rms(orientation),
@@ -183,27 +209,27 @@ def figures(source: Source, variant: Variant, run: Simulated, truth: Truth | Non
     )
 
 
-def compare_open_loop(opened: Callable[[], RecordedCalls], wanted: Sequence[Variant]) -> list[OpenLoop]:
-    """Commands of every variant on the recorded joint states, beside the recorded ones."""
+def compare_open_loop(opened: Callable[[], RecordingSource], variants: Sequence[Variant]) -> list[OpenLoopMetrics]:
+    """Compares the commands of every variant on the recorded joint states with the recorded commands."""
     source = opened()
-    steps = [source.steps.step(event.step) for event in calls(source) if event.step is not None]
+    steps = [source.steps.step(entry.step) for entry in calls(source) if entry.step is not None]
     recorded = {step.now: step.joint_velocity for step in steps}
-    found = []
-    for variant in wanted:
+    result = []
+    for variant in variants:
         both = [step for step in open_loop(opened(), variant.changes) if step.now in recorded]
         apart = np.array([step.joint_velocity - recorded[step.now] for step in both]).ravel()
-        found.append(OpenLoop(variant.name, len(both), _rms(apart), _max(np.abs(apart))))
-    return found
+        result.append(OpenLoopMetrics(variant.name, len(both), _rms(apart), _max(np.abs(apart))))
+    return result
 
 
 def _energies(robot: Robot, steps: Sequence[Step]) -> Array:
-    """Of the ticks that have a measured position."""
-    moments = ((step.joint_position, step.joint_velocity) for step in steps)
-    return np.array([robot.kinetic_energy(q, qd) for q, qd in moments if isfinite(q[0])])
+    """Kinetic energies, J, of the Steps that have a measured position."""
+    states = ((step.joint_position, step.joint_velocity) for step in steps)
+    return np.array([robot.kinetic_energy(q, qd) for q, qd in states if isfinite(q[0])])
 
 
-def _errors(steps: Sequence[Step], truth: Truth | None) -> tuple[Array, Array]:
-    """Distances, m, and angles, rad, of the measured tool from the truth at the same time, once settled."""
+def _errors(steps: Sequence[Step], truth: GroundTruth | None) -> tuple[Array, Array]:
+    """Distances, m, and angles, rad, between measured and reference pose at the same time, after :data:`SETTLE_S`."""
     if truth is None:
         return np.zeros(0), np.zeros(0)
     kept = [step for step in steps if np.isfinite(step.pose_sb[0, 0])]
@@ -212,10 +238,10 @@ def _errors(steps: Sequence[Step], truth: Truth | None) -> tuple[Array, Array]:
     kept = [step for step, counts in zip(kept, inside.tolist(), strict=True) if counts]
     if not kept:
         return np.zeros(0), np.zeros(0)
-    wanted = truth.at(ros_ns[inside])
+    reference = truth.at(ros_ns[inside])
     position = np.array([step.pose_sb[:3, 3] for step in kept])
     quaternion = np.array([quaternion_from_rotation(step.pose_sb[:3, :3]) for step in kept])
-    return np.linalg.norm(position - wanted.position, axis=1), rotation_angle(quaternion, wanted.quaternion)
+    return np.linalg.norm(position - reference.position, axis=1), rotation_angle(quaternion, reference.quaternion)
 
 
 def _finite(values: Sequence[float]) -> Array:

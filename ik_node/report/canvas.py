@@ -1,4 +1,4 @@
-"""Where pictures are drawn: matplotlib without a screen, in one style."""
+"""Matplotlib figures without a display, in one style."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ik_node.errors import RecordingError
+from ik_node.errors import MissingPackageError, RecordingError
 from ik_node.report.style import STYLE, WIDTH_IN
 
 
 @contextmanager
-def drawing() -> Iterator[None]:
-    """Our style while it lasts; RecordingError when matplotlib is not installed."""
+def report_style() -> Iterator[None]:
+    """Context with the report's matplotlib style; raises MissingPackageError when matplotlib is not installed."""
     try:
-        import matplotlib as mpl  # only here: everything else works without it
+        import matplotlib as mpl  # imported here because all other functions work without it
     except ImportError as error:
-        raise RecordingError("pictures need matplotlib, which is not installed") from error
+        raise MissingPackageError(error) from error
     with mpl.rc_context(STYLE):
         yield
 
 
 @contextmanager
-def saving() -> Iterator[None]:
-    """RecordingError when what is done in it cannot write its file, or matplotlib does not know the ending."""
+def convert_write_errors() -> Iterator[None]:
+    """Context that converts errors of writing a file, and matplotlib's of an unknown suffix, to RecordingError."""
     try:
         yield
     except (OSError, ValueError) as error:
-        raise RecordingError(f"the picture cannot be written: {error}") from error
+        raise RecordingError(f"the report cannot be written: {error}") from error
 
 
 def new_figure(height_in: float) -> Any:
-    """An empty page; of no window, and known to nobody but the caller."""
+    """An empty figure of the report's width, without a window and unknown to pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

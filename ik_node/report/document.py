@@ -1,4 +1,4 @@
-"""All pages about one recording or several, as files: PDF, PNG (the pages below each other), SVG (the first page)."""
+"""All pages of a report as a file: PDF, PNG (pages stacked vertically) or SVG (the first page)."""
 
 from __future__ import annotations
 
@@ -9,76 +9,82 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node.report.canvas import drawing, saving
+from ik_node.report.canvas import convert_write_errors, report_style
 from ik_node.report.joints_page import draw_joints
-from ik_node.report.law_page import draw_law
 from ik_node.report.overlay import draw_overlay
-from ik_node.report.picture import overview
+from ik_node.report.reported_run import ReportedRun
+from ik_node.report.solver_page import draw_solver
 from ik_node.report.states_page import draw_states
 from ik_node.report.style import DPI
-from ik_node.report.subject import Subject
+from ik_node.report.summary_page import draw_summary
 
 
-class Page(NamedTuple):
-    """A page, drawn."""
+class ReportPage(NamedTuple):
+    """One drawn page."""
 
     heading: str
-    about: str
-    """What a person sees on it."""
+    description: str
     figure: Any
+    """matplotlib.figure.Figure."""
 
 
-def pages(subjects: Sequence[Subject]) -> tuple[Page, ...]:
-    """Draws; to be called while :func:`~ik_node.report.canvas.drawing` lasts."""
-    alone = subjects[0] if len(subjects) == 1 else None
-    first = draw_overlay(subjects) if alone is None else overview(alone.run, alone.report)
+def draw_pages(reported_runs: Sequence[ReportedRun]) -> tuple[ReportPage, ...]:
+    """Draws all pages; call it within :func:`~ik_node.report.canvas.report_style`."""
+    first = draw_overlay(reported_runs) if len(reported_runs) > 1 else draw_summary(reported_runs[0])
     return (
-        Page("Overview", "Path of the tool in 3-D, errors, what slowed the arm, and what the controller did.", first),
-        Page("Joints", "Positions and velocity commands of every joint between their limits.", draw_joints(subjects)),
-        Page("Law", "Singular values, scale s, clearance, and both terms of the multiplier.", draw_law(subjects)),
-        Page("Ticks and states", "Times between ticks, and the states with their reasons.", draw_states(subjects)),
+        ReportPage("Summary", "Tool path, tracking errors, active limits and controller states.", first),
+        ReportPage(
+            "Joints", "Position and velocity command of every joint with its limits.", draw_joints(reported_runs)
+        ),
+        ReportPage(
+            "Solver", "Singular values, task scale s, clearance and both multiplier terms.", draw_solver(reported_runs)
+        ),
+        ReportPage(
+            "Timing and states", "Intervals between control steps; states with reasons.", draw_states(reported_runs)
+        ),
     )
 
 
-def write_pdf(subjects: Sequence[Subject], path: Path) -> None:
-    """A vector page per picture; RecordingError when it cannot be written."""
-    with drawing():
+def write_pdf(reported_runs: Sequence[ReportedRun], path: Path) -> None:
+    """Writes one vector page per drawn page; raises RecordingError when the file cannot be written."""
+    with report_style():
         from matplotlib.backends.backend_pdf import PdfPages
 
-        drawn = pages(subjects)
-        # No date: the same recordings give the same bytes.
-        with saving(), PdfPages(path, metadata={"CreationDate": None, "Title": title_of(subjects)}) as file:
+        drawn = draw_pages(reported_runs)
+        # No creation date: the same recordings give the same bytes.
+        metadata = {"CreationDate": None, "Title": document_title(reported_runs)}
+        with convert_write_errors(), PdfPages(path, metadata=metadata) as file:
             for page in drawn:
                 file.savefig(page.figure)
 
 
-def write_png(subjects: Sequence[Subject], path: Path) -> None:
-    """The pages below each other in one picture; RecordingError when it cannot be written."""
-    with drawing():
+def write_png(reported_runs: Sequence[ReportedRun], path: Path) -> None:
+    """Writes the pages stacked vertically as one image; raises RecordingError when the file cannot be written."""
+    with report_style():
         from matplotlib.image import imsave
 
         images = []
-        for page in pages(subjects):
+        for page in draw_pages(reported_runs):
             page.figure.set_dpi(DPI)
             page.figure.canvas.draw()
             images.append(np.asarray(page.figure.canvas.buffer_rgba()).copy())
-        with saving():
+        with convert_write_errors():
             imsave(path, np.concatenate(images), format="png")
 
 
-def write_svg(subjects: Sequence[Subject], path: Path) -> None:
-    """The first page only; RecordingError when it cannot be written."""
-    with drawing(), saving():
-        path.write_bytes(as_svg(pages(subjects)[0]))
+def write_svg(reported_runs: Sequence[ReportedRun], path: Path) -> None:
+    """Writes the first page; raises RecordingError when the file cannot be written."""
+    with report_style(), convert_write_errors():
+        path.write_bytes(as_svg(draw_pages(reported_runs)[0]))
 
 
-def as_svg(page: Page) -> bytes:
-    """One page as an SVG file."""
+def as_svg(page: ReportPage) -> bytes:
+    """One page as the content of an SVG file."""
     file = io.BytesIO()
     page.figure.savefig(file, format="svg", metadata={"Date": None})
     return file.getvalue()
 
 
-def title_of(subjects: Sequence[Subject]) -> str:
-    """The recordings' names in one line."""
-    return ", ".join(subject.name for subject in subjects)
+def document_title(reported_runs: Sequence[ReportedRun]) -> str:
+    """The names of the recordings, separated by commas."""
+    return ", ".join(reported.name for reported in reported_runs)

@@ -1,4 +1,4 @@
-"""The least and the most of a run that the report's figures do not name: joints near limits, and the multiplier."""
+"""Extreme values of a run: smallest distance to a joint limit, largest multiplier."""
 
 from __future__ import annotations
 
@@ -7,47 +7,49 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.se3 import Array
 
 
-class Margin(NamedTuple):
-    """The joint that came nearest to a position limit."""
+class JointLimitMargin(NamedTuple):
+    """Smallest distance of a joint to a position limit."""
 
     least: float
-    """Distance left, rad (m); negative beyond the limit, NaN where no joint has one."""
+    """rad (m); negative beyond the limit, NaN if no joint has a limit."""
     joint: str
     time_s: float
 
 
-class Multiplier(NamedTuple):
-    """Greatest norms of the multiplier's two terms, as recorded: the potential's still times k."""
+class MultiplierMaxima(NamedTuple):
+    """Largest norms of both terms of the multiplier, as recorded: the potential term includes the gain k."""
 
     task_linear_max: float
-    """N s for a method that weighs by mass."""
+    """N s for a mass-weighted method."""
     task_angular_max: float
-    """N m s likewise."""
+    """N m s for a mass-weighted method."""
     potential_linear_max: float
     potential_angular_max: float
 
 
-def margin(run: Run) -> Margin:
-    """Measured positions against the limits at the start of the run."""
-    left = np.minimum(run.q - run.lower, run.upper - run.q)
-    known = np.isfinite(left)
-    if not known.any():
-        return Margin(math.nan, "", math.nan)
-    row, joint = np.unravel_index(int(np.where(known, left, np.inf).argmin()), left.shape)
-    return Margin(float(left[row, joint]), run.joints[int(joint)], float(run.times_s[row]))
+def joint_limit_margin(run: Run) -> JointLimitMargin:
+    """Compares measured positions with the limits at the start of the run."""
+    distances = np.minimum(run.q - run.lower, run.upper - run.q)
+    finite = np.isfinite(distances)
+    if not finite.any():
+        return JointLimitMargin(math.nan, "", math.nan)
+    row, joint = np.unravel_index(int(np.where(finite, distances, np.inf).argmin()), distances.shape)
+    return JointLimitMargin(float(distances[row, joint]), run.joints[int(joint)], float(run.times_s[row]))
 
 
-def multiplier(run: Run) -> Multiplier:
-    """NaN where no tick computed one."""
+def multiplier_maxima(run: Run) -> MultiplierMaxima:
+    """Norms over all ticks; NaN if no tick computed a multiplier."""
     task, potential = run.multiplier_task, run.multiplier_potential
-    return Multiplier(_most(task[:, :3]), _most(task[:, 3:]), _most(potential[:, :3]), _most(potential[:, 3:]))
+    return MultiplierMaxima(
+        _max_norm(task[:, :3]), _max_norm(task[:, 3:]), _max_norm(potential[:, :3]), _max_norm(potential[:, 3:])
+    )
 
 
-def _most(vectors: Array) -> float:
+def _max_norm(vectors: Array) -> float:
     norms = np.linalg.norm(vectors, axis=1)
-    known = norms[np.isfinite(norms)]
-    return float(known.max()) if len(known) else math.nan
+    finite = norms[np.isfinite(norms)]
+    return float(finite.max()) if len(finite) else math.nan

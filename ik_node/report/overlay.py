@@ -1,64 +1,48 @@
-"""Several recordings in one picture: paths, figures side by side, errors, what slowed them, and their states."""
+"""Comparison of several recordings on one page: paths, metrics, errors, scale, clearance and states."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
+from ik_node.report import quantities
 from ik_node.report.canvas import new_figure
-from ik_node.report.law_page import draw_clearance, draw_scale, draw_singular_values
-from ik_node.report.path import draw_obstacles, draw_paths
-from ik_node.report.style import heading, names_on, only_last_has_times, remark, thin
-from ik_node.report.subject import Subject, span_of, time_label
+from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_values, draw_tracking_error
+from ik_node.report.path_plot import draw_obstacles, draw_paths
+from ik_node.report.reported_run import ReportedRun, span_of, time_label
+from ik_node.report.style import page_heading, run_legend, share_time_axis
 from ik_node.report.table import as_table
-from ik_node.report.timeline import draw_bands
+from ik_node.report.timeline import draw_mode_bars
 
 COLUMN = 16
-"""Letters of a recording's column of figures."""
+"""Maximum width of the metrics of one recording, in characters."""
 
 
-def draw_overlay(subjects: Sequence[Subject]) -> Any:
-    """The page."""
+def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
+    """Draws the page."""
     figure = new_figure(12.2)
-    heading(figure, "Comparison")
-    names_on(figure, [(subject.name, subject.colour) for subject in subjects])
+    page_heading(figure, "Comparison")
+    run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
     halves = figure.add_gridspec(
         1, 2, width_ratios=(0.82, 1.0), left=0.03, right=0.985, top=0.935, bottom=0.05, wspace=0.16
     )
     left = halves[0].subgridspec(2, 1, height_ratios=(0.75, 1.0), hspace=0.04)
-    if any(subject.report.series is not None for subject in subjects):
+    if any(reported.metrics.series is not None for reported in reported_runs):
         axes = figure.add_subplot(left[0], projection="3d")
-        draw_paths(axes, subjects)
-        draw_obstacles(axes, subjects[0].run)
-    words = figure.add_subplot(left[1])
-    words.axis("off")
-    small = 6.9 if len(subjects) <= 3 else 5.9
-    words.text(0.0, 1.0, as_table(subjects, COLUMN), family="monospace", fontsize=small, va="top", linespacing=1.35)
-    bands = 0.22 + 0.16 * len(subjects)
-    rows = halves[1].subgridspec(6, 1, height_ratios=(1.0, 1.0, 0.8, 0.6, 0.8, bands), hspace=0.34)
+        draw_paths(axes, reported_runs)
+        draw_obstacles(axes, reported_runs[0].run)
+    table = figure.add_subplot(left[1])
+    table.axis("off")
+    size = 6.9 if len(reported_runs) <= 3 else 5.9
+    table.text(0.0, 1.0, as_table(reported_runs, COLUMN), family="monospace", fontsize=size, va="top", linespacing=1.35)
+    bars = 0.22 + 0.16 * len(reported_runs)
+    rows = halves[1].subgridspec(6, 1, height_ratios=(1.0, 1.0, 0.8, 0.6, 0.8, bars), hspace=0.34)
     column = [figure.add_subplot(rows[index]) for index in range(6)]
-    _errors(column[0], subjects, "position_error", "Position error [mm]")
-    _errors(column[1], subjects, "orientation_error", "Orientation error [mrad]")
-    draw_singular_values(column[2], subjects)
-    draw_scale(column[3], subjects)
-    draw_clearance(column[4], subjects)
-    draw_bands(column[5], subjects)
-    only_last_has_times(column, span_of(subjects), time_label(subjects))
+    draw_tracking_error(column[0], reported_runs, quantities.POSITION_ERROR)
+    draw_tracking_error(column[1], reported_runs, quantities.ORIENTATION_ERROR)
+    draw_singular_values(column[2], reported_runs)
+    draw_scale(column[3], reported_runs)
+    draw_clearance(column[4], reported_runs)
+    draw_mode_bars(column[5], reported_runs)
+    share_time_axis(column, span_of(reported_runs), time_label(reported_runs))
     return figure
-
-
-def _errors(axes: Any, subjects: Sequence[Subject], field: str, label: str) -> None:
-    axes.set_title(label)
-    lines = 0
-    for subject in subjects:
-        series = subject.report.series
-        if series is not None:
-            shown = np.where(series.inside, 1e3 * getattr(series, field), np.nan)
-            axes.plot(*thin(series.times_s - subject.zero_s, shown), color=subject.colour)
-            lines += 1
-    if lines:
-        axes.set_ylim(bottom=0.0)
-    else:
-        remark(axes, "nothing to compare with: no trajectory beside the recordings, no targets in them")

@@ -1,4 +1,4 @@
-"""When the controller ran, what it was doing and why."""
+"""Intervals between control steps, and the controller's states with their reasons."""
 
 from __future__ import annotations
 
@@ -8,81 +8,80 @@ from typing import Any
 import numpy as np
 
 from ik_node.report.canvas import new_figure
-from ik_node.report.style import GREY, heading, names_on, remark, thin
-from ik_node.report.subject import Subject, span_of, time_label
-from ik_node.report.timeline import draw_bands, draw_numbers, entries, write_reasons
+from ik_node.report.reported_run import ReportedRun, span_of, time_label
+from ik_node.report.style import GREY, decimate, page_heading, placeholder, run_legend
+from ik_node.report.timeline import draw_mode_bars, draw_numbers, state_intervals, write_reasons
 
 BINS = 80
-LEAST_WIDTH_MS = 0.02
-"""Of a bin."""
+MIN_BIN_WIDTH_MS = 0.02
 REASON_LINES = 36
 LINE_CHARACTERS = 190
-"""Of a line of reasons that is as wide as the page."""
+"""Of a list of reasons as wide as the page."""
 
 
-def draw_states(subjects: Sequence[Subject]) -> Any:
-    """The page: times between ticks, bands of the states, the reasons one by one."""
-    lines = min(REASON_LINES, 2 + 2 * max(len(entries(subject)) for subject in subjects))
+def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
+    """Draws the page: control periods, mode bars, and the list of reasons."""
+    lines = min(REASON_LINES, 2 + 2 * max(len(state_intervals(reported)) for reported in reported_runs))
     figure = new_figure(5.6 + 0.1 * lines)
-    heading(figure, "Ticks and states")
-    if len(subjects) > 1:
-        names_on(figure, [(subject.name, subject.colour) for subject in subjects])
-    bands = 0.32 + 0.2 * len(subjects)
+    page_heading(figure, "Timing and states")
+    if len(reported_runs) > 1:
+        run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
+    bars = 0.32 + 0.2 * len(reported_runs)
     rows = figure.add_gridspec(
-        3, 1, height_ratios=(1.5, bands, 0.1 * lines), left=0.07, right=0.985, top=0.9, bottom=0.02, hspace=0.3
+        3, 1, height_ratios=(1.5, bars, 0.1 * lines), left=0.07, right=0.985, top=0.9, bottom=0.02, hspace=0.3
     )
     top = rows[0].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
-    _histogram(figure.add_subplot(top[0]), subjects)
-    _periods(figure.add_subplot(top[1]), subjects)
+    _histogram(figure.add_subplot(top[0]), reported_runs)
+    _periods(figure.add_subplot(top[1]), reported_runs)
     axes = figure.add_subplot(rows[1])
-    draw_bands(axes, subjects, numbered=True)
-    axes.set_xlim(*_wide(span_of(subjects)))
-    axes.set_xlabel(time_label(subjects))
-    axes.set_title("Controller; the numbers are those of the reasons below")
-    draw_numbers(axes, subjects)
-    columns = rows[2].subgridspec(1, len(subjects), wspace=0.04)
-    for index, subject in enumerate(subjects):
-        words = figure.add_subplot(columns[index])
-        if len(subjects) > 1:
-            words.set_title(subject.name, color=subject.colour)
-        write_reasons(words, subject, lines, LINE_CHARACTERS // len(subjects) - 2)
+    draw_mode_bars(axes, reported_runs, numbered=True)
+    axes.set_xlim(*_non_empty(span_of(reported_runs)))
+    axes.set_xlabel(time_label(reported_runs))
+    axes.set_title("Controller; the numbers refer to the reasons below")
+    draw_numbers(axes, reported_runs)
+    columns = rows[2].subgridspec(1, len(reported_runs), wspace=0.04)
+    for index, reported in enumerate(reported_runs):
+        reasons = figure.add_subplot(columns[index])
+        if len(reported_runs) > 1:
+            reasons.set_title(reported.name, color=reported.colour)
+        write_reasons(reasons, reported, lines, LINE_CHARACTERS // len(reported_runs) - 2)
     return figure
 
 
-def _wide(span: tuple[float, float]) -> tuple[float, float]:
+def _non_empty(span: tuple[float, float]) -> tuple[float, float]:
     return span if span[1] > span[0] else (span[0], span[0] + 1.0)
 
 
-def _histogram(axes: Any, subjects: Sequence[Subject]) -> None:
-    """Times between ticks; the recordings hold no times spent."""
-    axes.set_title("Time between ticks [ms]; dashed: median")
-    periods = [1e3 * np.diff(subject.run.times_s) for subject in subjects]
-    known = np.concatenate(periods)
-    if not len(known):
-        remark(axes, "fewer than two ticks")
+def _histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Histogram of the control periods; computing times are not recorded."""
+    axes.set_title("Control period [ms]; dashed: median")
+    periods = [1e3 * np.diff(reported.run.times_s) for reported in reported_runs]
+    together = np.concatenate(periods)
+    if not len(together):
+        placeholder(axes, "fewer than two control steps")
         return
-    low, high = float(known.min()), float(known.max())
-    width = max((high - low) / BINS, LEAST_WIDTH_MS)
+    low, high = float(together.min()), float(together.max())
+    width = max((high - low) / BINS, MIN_BIN_WIDTH_MS)
     edges = np.arange(low - 0.5 * width, high + 1.5 * width, width)
-    for subject, values in zip(subjects, periods, strict=True):
+    for reported, values in zip(reported_runs, periods, strict=True):
         if not len(values):
             continue
-        filled = {"histtype": "stepfilled", "alpha": 0.55} if len(subjects) == 1 else {"histtype": "step"}
-        axes.hist(values, bins=edges, color=subject.colour, linewidth=1.2, **filled)
-        axes.axvline(float(np.median(values)), color=subject.colour, linewidth=1.0, linestyle="--")
+        filled = {"histtype": "stepfilled", "alpha": 0.55} if len(reported_runs) == 1 else {"histtype": "step"}
+        axes.hist(values, bins=edges, color=reported.colour, linewidth=1.2, **filled)
+        axes.axvline(float(np.median(values)), color=reported.colour, linewidth=1.0, linestyle="--")
     axes.set_yscale("log")
-    axes.set_ylabel("ticks")
+    axes.set_ylabel("control steps")
     axes.annotate(
-        "time spent in a tick: not recorded", (0.99, 0.95), xycoords="axes fraction", ha="right", va="top", color=GREY
+        "computing time: not recorded", (0.99, 0.95), xycoords="axes fraction", ha="right", va="top", color=GREY
     )
 
 
-def _periods(axes: Any, subjects: Sequence[Subject]) -> None:
-    axes.set_title("Time between ticks [ms] over the run")
-    for subject in subjects:
-        if len(subject.run.times_s) > 1:
-            values = thin(subject.times_s[1:], 1e3 * np.diff(subject.run.times_s))
-            axes.plot(*values, color=subject.colour, linewidth=0.8)
+def _periods(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    axes.set_title("Control period [ms] over time")
+    for reported in reported_runs:
+        if len(reported.run.times_s) > 1:
+            values = decimate(reported.times_s[1:], 1e3 * np.diff(reported.run.times_s))
+            axes.plot(*values, color=reported.colour, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
-    axes.set_xlim(*_wide(span_of(subjects)))
-    axes.set_xlabel(time_label(subjects))
+    axes.set_xlim(*_non_empty(span_of(reported_runs)))
+    axes.set_xlabel(time_label(reported_runs))

@@ -1,6 +1,6 @@
-"""Colours, lines and axes that the pictures of a run share.
+"""Colours, line styles and axis helpers shared by all plots.
 
-Colours are those of Okabe and Ito (and cividis), which people with any colour vision tell apart.
+The colours are those of Okabe and Ito, which can be distinguished with any colour vision.
 """
 
 from __future__ import annotations
@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ik_node.se3 import Array
-from ik_node.step import Mode
+from ik_node.interfaces.step import Mode
+from ik_node.math.types import Array
 
-INK = "#222222"
-FAINT = "#c8ccd0"
+TEXT_COLOUR = "#222222"
+LIGHT_GREY = "#c8ccd0"
 GREY = "#888888"
 BLUE = "#0072b2"
 VERMILION = "#d55e00"
 GREEN = "#009e73"
-SUBJECT_COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
-"""One per recording; they begin anew after the last."""
+RUN_COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+"""One per recording, reused cyclically."""
 MODE_COLOURS = {
     Mode.WAITING: "#bbbbbb",
     Mode.HOLDING: "#56b4e9",
@@ -37,54 +37,54 @@ STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": "#888888",
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "axes.labelcolor": TEXT_COLOUR,
+    "text.color": TEXT_COLOUR,
+    "xtick.color": TEXT_COLOUR,
+    "ytick.color": TEXT_COLOUR,
     "axes.grid": True,
     "grid.color": "#e6e8ea",
     "lines.linewidth": 1.1,
-    "svg.hashsalt": "ik_node",  # the same run gives the same bytes
+    "svg.hashsalt": "ik_node",  # the same run gives the same file
 }
-MOST_POINTS = 4000
-"""Per line; beyond that the extremes of neighbouring points are drawn."""
+MAX_POINTS = 4000
+"""Per line; longer series are decimated to the extremes of neighbouring points."""
 WIDTH_IN = 14.0
 DPI = 110
 
 
-def thin(times: Array, values: Array) -> tuple[Array, Array]:
-    """At most about ``MOST_POINTS`` points that keep every peak: the least and the largest of each run of neighbours.
+def decimate(times: Array, values: Array) -> tuple[Array, Array]:
+    """Decimates a series to about ``MAX_POINTS`` points, keeping minimum and maximum of each block of neighbours.
 
-    A run that holds NaN only stays NaN.
+    A block of NaN remains NaN.
     """
-    if len(times) <= MOST_POINTS:
+    if len(times) <= MAX_POINTS:
         return times, values
-    width = -(-2 * len(times) // MOST_POINTS)
-    whole = len(times) // width * width
-    blocks = values[:whole].reshape(-1, width)
+    width = -(-2 * len(times) // MAX_POINTS)
+    used = len(times) // width * width
+    blocks = values[:used].reshape(-1, width)
     finite = np.isfinite(blocks)
     low, high = np.where(finite, blocks, np.inf).argmin(axis=1), np.where(finite, blocks, -np.inf).argmax(axis=1)
-    base = np.arange(0, whole, width)
+    base = np.arange(0, used, width)
     rows = np.sort(np.stack((base + low, base + high), axis=1), axis=1).ravel()
-    rows = np.concatenate((rows, np.arange(whole, len(times))))
+    rows = np.concatenate((rows, np.arange(used, len(times))))
     return times[rows], values[rows]
 
 
-def remark(axes: Any, text: str) -> None:
-    """Words in the place of a line, where there is nothing to draw."""
+def placeholder(axes: Any, text: str) -> None:
+    """Shows a text in axes that have no data."""
     axes.annotate(text, (0.5, 0.45), xycoords="axes fraction", ha="center", va="center", color=GREY)
     axes.set_yticks([])
     axes.grid(visible=False)
 
 
-def heading(figure: Any, text: str) -> None:
-    """What a page is about, in its upper left corner."""
+def page_heading(figure: Any, text: str) -> None:
+    """Title in the upper left corner of a page."""
     y = 1.0 - 0.14 / figure.get_figheight()
     figure.suptitle(text, x=0.03, y=y, ha="left", va="top", fontsize=13, fontweight="bold")
 
 
-def names_on(figure: Any, names: list[tuple[str, str]]) -> None:
-    """A legend of (name, colour) in the upper right corner of the page."""
+def run_legend(figure: Any, names: list[tuple[str, str]]) -> None:
+    """Legend of (name, colour) in the upper right corner of a page."""
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], color=colour, linewidth=3.0, label=name) for name, colour in names]
@@ -92,8 +92,8 @@ def names_on(figure: Any, names: list[tuple[str, str]]) -> None:
     figure.legend(handles=handles, loc="upper right", bbox_to_anchor=corner, ncols=len(handles), frameon=False)
 
 
-def only_last_has_times(column: list[Any], times: tuple[float, float], label: str = "time [s]") -> None:
-    """Axes above each other that share their times: labels at the lowest."""
+def share_time_axis(column: list[Any], times: tuple[float, float], label: str = "time [s]") -> None:
+    """Gives stacked axes the same time axis, labelled at the lowest."""
     for axes in column[:-1]:
         axes.tick_params(labelbottom=False)
     column[-1].set_xlabel(label)

@@ -1,123 +1,157 @@
-"""The figures of several recordings side by side."""
+"""The metrics of several recordings side by side."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
-from ik_node.report.figures import Report
-from ik_node.report.subject import Subject, methods_of
+from ik_node.report import quantities
+from ik_node.report.quantities import NOT_AVAILABLE, DisplayedQuantity
+from ik_node.report.reported_run import ReportedRun, methods_of
+from ik_node.report.tracking import TrackingMetrics
 
-NONE = "-"
-MOST_WIDTH = 22
-"""Of a column of text, letters."""
+MAX_WIDTH = 22
+"""Of a column of values, in characters."""
 
 
-class Row(NamedTuple):
-    """One figure of every recording."""
+class MetricRow(NamedTuple):
+    """One metric of every recording."""
 
     label: str
     """With its unit."""
     values: tuple[str, ...]
-    """In the order of the recordings; NONE where there is none."""
+    """In the order of the recordings; NOT_AVAILABLE where a recording lacks it."""
 
 
-def rows(subjects: Sequence[Subject]) -> tuple[Row, ...]:
-    """Every figure that one of the recordings has at least."""
-    columns = [_column(subject) for subject in subjects]
-    table = (Row(label, tuple(column[label] for column in columns)) for label in columns[0])
-    return tuple(row for row in table if any(value != NONE for value in row.values))
+_Cell = Callable[[ReportedRun], str]
 
 
-def as_table(subjects: Sequence[Subject], widest: int = MOST_WIDTH) -> str:
-    """Lines of text, a column of at most ``widest`` letters per recording under its name."""
-    names = tuple(_short(subject.name, widest) for subject in subjects)
-    lines = [Row("", names), *rows(subjects)]
+def _number(quantity: DisplayedQuantity, value: Callable[[ReportedRun], float]) -> tuple[str, _Cell]:
+    """Label and cell of a value in SI units."""
+    return quantity.label, lambda reported: quantity.text(value(reported))
+
+
+def _tracking(label: str, digits: int, value: Callable[[TrackingMetrics], float]) -> tuple[str, _Cell]:
+    """Label and cell of a metric that needs a ground truth."""
+    quantity = DisplayedQuantity(label, digits=digits)
+
+    def cell(reported: ReportedRun) -> str:
+        tracking = reported.metrics.tracking
+        return NOT_AVAILABLE if tracking is None else quantity.text(value(tracking))
+
+    return label, cell
+
+
+def _tracking_errors() -> tuple[tuple[str, _Cell], ...]:
+    """RMS and maximum of both errors, settled and over the whole run."""
+    cells = []
+    for field, quantity in (("position", quantities.POSITION_ERROR), ("orientation", quantities.ORIENTATION_ERROR)):
+        for interval in ("settled", "overall"):
+            for statistic in ("RMS", "max"):
+                label = f"{quantity.name}, {'settled ' if interval == 'settled' else ''}{statistic} [{quantity.unit}]"
+                value = attrgetter(f"{interval}.{field}_{statistic.lower()}_{quantity.unit}")
+                cells.append(_tracking(label, quantity.digits, value))
+    return tuple(cells)
+
+
+def _first_target_s(reported: ReportedRun) -> float:
+    times = reported.run.targets.times_s
+    return float(times[0]) if len(times) else float("nan")
+
+
+def _with(quantity: DisplayedQuantity, name: str) -> DisplayedQuantity:
+    return quantity._replace(name=name.format(quantity.name))
+
+
+_MS = DisplayedQuantity("control period", "ms")
+_S = DisplayedQuantity("duration", "s", digits=2)
+_CELLS: tuple[tuple[str, _Cell], ...] = (
+    ("robot", lambda reported: reported.metrics.robot),
+    ("method", lambda reported: ", ".join(methods_of(reported)) or NOT_AVAILABLE),
+    ("control law", lambda reported: str(reported.run.settings.get("control_law", NOT_AVAILABLE))),
+    _number(_S, lambda reported: reported.metrics.duration_s),
+    _number(_S._replace(name="first target at", digits=3), _first_target_s),
+    ("targets", lambda reported: str(reported.metrics.targets)),
+    ("control steps", lambda reported: str(reported.metrics.ticks.number)),
+    ("control steps not recorded", lambda reported: str(reported.metrics.ticks.missing)),
+    _number(DisplayedQuantity("rate", "Hz", digits=1), lambda reported: reported.metrics.ticks.rate_hz),
+    _number(_with(_MS, "{}, median"), lambda reported: reported.metrics.ticks.period_median_ms),
+    _number(_with(_MS, "{}, 99th percentile"), lambda reported: reported.metrics.ticks.period_p99_ms),
+    _number(_with(_MS, "{}, max"), lambda reported: reported.metrics.ticks.period_max_ms),
+    ("errors against", lambda reported: t.against if (t := reported.metrics.tracking) else NOT_AVAILABLE),
+    ("settled", lambda reported: f"after {t.settle_s:g} s" if (t := reported.metrics.tracking) else NOT_AVAILABLE),
+    *_tracking_errors(),
+    _tracking("lag of the position [ms]", 1, lambda tracking: tracking.lag_position_ms),
+    _tracking("lag of the orientation [ms]", 1, lambda tracking: tracking.lag_rotation_ms),
+    _number(_with(quantities.JOINT_SPEED, "top speed"), lambda reported: reported.metrics.speed.part_of_limit),
+    ("top speed, joint", lambda reported: reported.metrics.speed.joint or NOT_AVAILABLE),
+    ("commands not finite", lambda reported: str(reported.metrics.speed.non_finite)),
+    ("commands over a limit", lambda reported: str(reported.metrics.speed.over_limit)),
+    _number(
+        DisplayedQuantity("min distance to a joint limit", "rad (m)"), lambda reported: reported.metrics.margin.least
+    ),
+    ("joint at that distance", lambda reported: reported.metrics.margin.joint or NOT_AVAILABLE),
+    _number(quantities.SMALLEST_SINGULAR_VALUE, lambda reported: reported.metrics.singularity.least),
+    _number(
+        _with(quantities.TRUNCATED_LINEAR, "{} max"),
+        lambda reported: reported.metrics.singularity.truncated_linear_max,
+    ),
+    _number(
+        _with(quantities.TRUNCATED_ANGULAR, "{} max"),
+        lambda reported: reported.metrics.singularity.truncated_angular_max,
+    ),
+    _number(_S._replace(name="truncated twist, time"), lambda reported: reported.metrics.singularity.truncated_s),
+    _number(_with(quantities.SCALE, "min {}"), lambda reported: reported.metrics.scaling.least),
+    _number(_S._replace(name="time with s < 1"), lambda reported: reported.metrics.scaling.slowed_s),
+    ("limit active longest", lambda reported: b[0][0] if (b := reported.metrics.scaling.binding) else NOT_AVAILABLE),
+    _number(_with(quantities.CLEARANCE, "min {}"), lambda reported: reported.metrics.nearness.least),
+    ("closest pair", lambda reported: " and ".join(reported.metrics.nearness.pair) or NOT_AVAILABLE),
+    _number(
+        _with(quantities.MULTIPLIER_TASK_LINEAR, "{} max"),
+        lambda reported: reported.metrics.multiplier.task_linear_max,
+    ),
+    _number(
+        _with(quantities.MULTIPLIER_TASK_ANGULAR, "{} max"),
+        lambda reported: reported.metrics.multiplier.task_angular_max,
+    ),
+    _number(
+        _with(quantities.MULTIPLIER_POTENTIAL_LINEAR, "{} max"),
+        lambda reported: reported.metrics.multiplier.potential_linear_max,
+    ),
+    _number(
+        _with(quantities.MULTIPLIER_POTENTIAL_ANGULAR, "{} max"),
+        lambda reported: reported.metrics.multiplier.potential_angular_max,
+    ),
+    ("messages dropped", lambda reported: str(reported.metrics.dropped)),
+    ("recording", lambda reported: "complete" if reported.metrics.complete else "truncated"),
+)
+"""Label of each row, and the function that gives the text of its cell."""
+
+
+def metric_rows(reported_runs: Sequence[ReportedRun]) -> tuple[MetricRow, ...]:
+    """The rows of all metrics that at least one of the recordings has."""
+    table = (MetricRow(label, tuple(cell(reported) for reported in reported_runs)) for label, cell in _CELLS)
+    return tuple(row for row in table if any(value != NOT_AVAILABLE for value in row.values))
+
+
+def as_table(reported_runs: Sequence[ReportedRun], max_width: int = MAX_WIDTH) -> str:
+    """Table as text: one column of at most ``max_width`` characters per recording under its name."""
+    names = tuple(_shortened(reported.name, max_width) for reported in reported_runs)
+    lines = [MetricRow("", names), *metric_rows(reported_runs)]
     first = max(len(line.label) for line in lines)
-    widths = [min(max(len(line.values[index]) for line in lines), widest) for index in range(len(names))]
+    widths = [min(max(len(line.values[index]) for line in lines), max_width) for index in range(len(names))]
     return "\n".join(
         "  ".join(
             [
                 line.label.ljust(first),
-                *(_short(value, widest).rjust(width) for value, width in zip(line.values, widths, strict=True)),
+                *(_shortened(value, max_width).rjust(width) for value, width in zip(line.values, widths, strict=True)),
             ]
         ).rstrip()
         for line in lines
     )
 
 
-def _short(text: str, widest: int) -> str:
-    """The end of a text tells more than its beginning."""
-    return text if len(text) <= widest else "..." + text[len(text) - widest + 3 :]
-
-
-def _column(subject: Subject) -> dict[str, str]:
-    """Label -> value."""
-    report, run = subject.report, subject.run
-    speed, near, margin = report.speed, report.nearness, report.margin
-    targets = run.targets.times_s
-    return {
-        "robot": report.robot,
-        "method": ", ".join(methods_of(subject)) or NONE,
-        "control law": str(run.settings.get("control_law", NONE)),
-        "duration [s]": _number(report.duration_s, 2),
-        "first target at [s]": _number(float(targets[0]), 3) if len(targets) else NONE,
-        "targets": str(report.targets),
-        "ticks": str(report.ticks.number),
-        "ticks not recorded": str(report.ticks.missing),
-        "rate [Hz]": _number(report.ticks.rate_hz, 1),
-        "between ticks, median [ms]": _number(report.ticks.period_median_ms, 3),
-        "between ticks, 99 % [ms]": _number(report.ticks.period_p99_ms, 3),
-        "between ticks, max [ms]": _number(report.ticks.period_max_ms, 3),
-        **_tracking(report),
-        "top speed [% of limit]": _number(100.0 * speed.part_of_limit, 1),
-        "top speed, joint": speed.joint or NONE,
-        "commands not finite": str(speed.non_finite),
-        "commands over a limit": str(speed.over_limit),
-        "nearest a position limit [rad (m)]": _number(margin.least, 3),
-        "that joint": margin.joint or NONE,
-        "least singular value [m]": _number(report.singularity.least, 4),
-        "given up, linear max [mm/s]": _number(1e3 * report.singularity.lost_linear_max, 2),
-        "given up, angular max [mrad/s]": _number(1e3 * report.singularity.lost_angular_max, 2),
-        "given up, time [s]": _number(report.singularity.lossy_s, 2),
-        "least s": _number(report.scaling.least, 3),
-        "time with s < 1 [s]": _number(report.scaling.slowed_s, 2),
-        "limit that bound longest": report.scaling.binding[0][0] if report.scaling.binding else NONE,
-        "least clearance [mm]": _number(1e3 * near.least, 1),
-        "between": " and ".join(near.pair) or NONE,
-        "λ task, linear max": _number(report.multiplier.task_linear_max, 3),
-        "λ task, angular max": _number(report.multiplier.task_angular_max, 3),
-        "λ potential, linear max": _number(report.multiplier.potential_linear_max, 3),
-        "λ potential, angular max": _number(report.multiplier.potential_angular_max, 3),
-        "messages left out": str(report.dropped),
-        "recording": "whole" if report.complete else "cut off",
-    }
-
-
-def _tracking(report: Report) -> dict[str, str]:
-    """The same labels whether there is something to compare with or not."""
-    tracking = report.tracking
-    known = tracking is not None
-    settled = tracking.settled if tracking is not None else (math.nan,) * 4
-    overall = tracking.overall if tracking is not None else (math.nan,) * 4
-    lags = (tracking.lag_position_ms, tracking.lag_rotation_ms) if tracking is not None else (math.nan,) * 2
-    after = f"after {tracking.settle_s:g} s" if tracking is not None else NONE
-    return {
-        "errors against": tracking.against if tracking is not None else NONE,
-        "settled": after if known else NONE,
-        "position error, settled RMS [mm]": _number(settled[0], 3),
-        "position error, settled max [mm]": _number(settled[1], 3),
-        "position error, RMS [mm]": _number(overall[0], 3),
-        "position error, max [mm]": _number(overall[1], 3),
-        "orientation error, settled RMS [mrad]": _number(settled[2], 3),
-        "orientation error, settled max [mrad]": _number(settled[3], 3),
-        "orientation error, RMS [mrad]": _number(overall[2], 3),
-        "orientation error, max [mrad]": _number(overall[3], 3),
-        "lag of the position [ms]": _number(lags[0], 1),
-        "lag of the orientation [ms]": _number(lags[1], 1),
-    }
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else NONE
+def _shortened(text: str, max_width: int) -> str:
+    """The end of a long text, which is more specific than its beginning."""
+    return text if len(text) <= max_width else "..." + text[len(text) - max_width + 3 :]

@@ -1,4 +1,4 @@
-"""What the controller was doing, when and why: as rows, and as coloured bands with the reasons beneath."""
+"""The controller's states over time: as intervals, as coloured mode bars, and as a list of reasons."""
 
 from __future__ import annotations
 
@@ -6,109 +6,114 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ik_node.report.style import INK, MODE_COLOURS
-from ik_node.report.subject import Subject
-from ik_node.step import Level, Mode
+from ik_node.interfaces.step import Level, Mode
+from ik_node.report.reported_run import ReportedRun
+from ik_node.report.style import MODE_COLOURS, TEXT_COLOUR
 
-LEAST_GAP = 0.013
-"""Part of the axis that a number above a band needs."""
+MIN_NUMBER_GAP = 0.013
+"""Space that a number on a mode bar needs, as a fraction of the axis."""
 DARK_TEXT = frozenset({Mode.WAITING, Mode.HOLDING, Mode.RAMPING, Mode.PAUSED})
-"""Modes whose colour is read better with dark letters on it."""
+"""Modes whose colour needs dark text."""
 
 
-class Entry(NamedTuple):
-    """From one change of state to the next."""
+class StateInterval(NamedTuple):
+    """Interval between two changes of the status."""
 
     number: int
     """From 1."""
     begin_s: float
-    """On the pictures' axis."""
+    """On the plots' axis."""
     duration_s: float
     mode: Mode
     level: Level
     reason: str
 
 
-def entries(subject: Subject) -> tuple[Entry, ...]:
-    """Every state in turn."""
-    moments = [change.time_s for change in subject.run.statuses]
-    if not moments:
+def state_intervals(reported: ReportedRun) -> tuple[StateInterval, ...]:
+    """All intervals in order."""
+    begins = [change.time_s for change in reported.run.status_changes]
+    if not begins:
         return ()
-    ends = [*moments[1:], max(float(subject.run.times_s[-1]), moments[-1])]
+    ends = [*begins[1:], max(float(reported.run.times_s[-1]), begins[-1])]
     return tuple(
-        Entry(
+        StateInterval(
             index + 1,
-            change.time_s - subject.zero_s,
+            change.time_s - reported.zero_s,
             end - change.time_s,
             change.status.mode,
             change.status.level,
             change.status.reason,
         )
-        for index, (change, end) in enumerate(zip(subject.run.statuses, ends, strict=True))
+        for index, (change, end) in enumerate(zip(reported.run.status_changes, ends, strict=True))
     )
 
 
-def draw_bands(axes: Any, subjects: Sequence[Subject], numbered: bool = False) -> None:
-    """A band per recording, coloured by mode, with a legend of the modes; ``numbered``: as the reasons are."""
-    used: list[Mode] = []
-    for row, subject in enumerate(subjects):
-        for entry in entries(subject):
-            used += [entry.mode] if entry.mode not in used else []
+def draw_mode_bars(axes: Any, reported_runs: Sequence[ReportedRun], numbered: bool = False) -> None:
+    """Draws a mode bar per recording with a legend; ``numbered`` leaves room for :func:`draw_numbers`."""
+    shown: list[Mode] = []
+    for row, reported in enumerate(reported_runs):
+        for interval in state_intervals(reported):
+            shown += [interval.mode] if interval.mode not in shown else []
             axes.broken_barh(
-                [(entry.begin_s, entry.duration_s)], (row - 0.4, 0.8), facecolors=MODE_COLOURS[entry.mode], linewidth=0
+                [(interval.begin_s, interval.duration_s)],
+                (row - 0.4, 0.8),
+                facecolors=MODE_COLOURS[interval.mode],
+                linewidth=0,
             )
-    axes.set_ylim(len(subjects) - 0.5, -0.85 if numbered else -0.5)
-    axes.set_yticks(range(len(subjects)))
-    axes.set_yticklabels([subject.name for subject in subjects] if len(subjects) > 1 else [""], fontsize=8)
+    axes.set_ylim(len(reported_runs) - 0.5, -0.85 if numbered else -0.5)
+    axes.set_yticks(range(len(reported_runs)))
+    axes.set_yticklabels([reported.name for reported in reported_runs] if len(reported_runs) > 1 else [""], fontsize=8)
     axes.tick_params(axis="y", length=0)
-    for label, subject in zip(axes.get_yticklabels(), subjects, strict=True):
-        label.set_color(subject.colour)
+    for label, reported in zip(axes.get_yticklabels(), reported_runs, strict=True):
+        label.set_color(reported.colour)
     axes.grid(visible=False)
     axes.set_title("Controller")
-    _legend(axes, used)
+    _legend(axes, shown)
 
 
-def draw_numbers(axes: Any, subjects: Sequence[Subject]) -> None:
-    """The numbers of the entries on their bands, as many as have room; after the limits of the axis are set."""
+def draw_numbers(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Writes the interval numbers on the mode bars where there is room; call it after the axis limits are set."""
     low, high = axes.get_xlim()
-    for row, subject in enumerate(subjects):
+    for row, reported in enumerate(reported_runs):
         last = -float("inf")
-        for entry in entries(subject):
-            if entry.begin_s - last < LEAST_GAP * (high - low):
+        for interval in state_intervals(reported):
+            if interval.begin_s - last < MIN_NUMBER_GAP * (high - low):
                 continue
-            last = entry.begin_s
-            ink = INK if entry.mode in DARK_TEXT else "white"
+            last = interval.begin_s
+            text_colour = TEXT_COLOUR if interval.mode in DARK_TEXT else "white"
             axes.plot([last, last], [row - 0.4, row + 0.4], color="white", linewidth=0.6)
             axes.annotate(
-                str(entry.number),
+                str(interval.number),
                 (last, row),
                 xytext=(2.0, 0.0),
                 textcoords="offset points",
                 fontsize=6.5,
-                color=ink,
+                color=text_colour,
                 va="center",
                 clip_on=True,
             )
 
 
-def write_reasons(axes: Any, subject: Subject, most_lines: int, width: int) -> None:
-    """The entries of one recording as text, the first ones where there are too many."""
+def write_reasons(axes: Any, reported: ReportedRun, max_lines: int, width: int) -> None:
+    """Lists the intervals of one recording as text, the first ones if there are too many."""
     axes.axis("off")
     lines: list[tuple[str, str]] = []
-    every = entries(subject)
-    for entry in every:
-        words = f"{entry.number:>3} {entry.begin_s:8.2f} s  {entry.mode.value:<9} {entry.reason}"
-        colour = INK if entry.level is Level.OK else "#8a3a00"
-        wrapped = textwrap.wrap(words, width, subsequent_indent=" " * 16, drop_whitespace=True) or [""]
-        wrapped[0] = words[: len(words) - len(words.lstrip())] + wrapped[0].lstrip()
-        if len(lines) + len(wrapped) > most_lines - 1:
-            lines.append((f"... and {len(every) - entry.number + 1} more, all of them in the HTML report", INK))
+    intervals = state_intervals(reported)
+    for interval in intervals:
+        text = f"{interval.number:>3} {interval.begin_s:8.2f} s  {interval.mode.value:<9} {interval.reason}"
+        colour = TEXT_COLOUR if interval.level is Level.OK else "#8a3a00"
+        wrapped = textwrap.wrap(text, width, subsequent_indent=" " * 16, drop_whitespace=True) or [""]
+        wrapped[0] = text[: len(text) - len(text.lstrip())] + wrapped[0].lstrip()
+        if len(lines) + len(wrapped) > max_lines - 1:
+            lines.append(
+                (f"... and {len(intervals) - interval.number + 1} more; the HTML report lists all", TEXT_COLOUR)
+            )
             break
         lines += [(line, colour) for line in wrapped]
     for index, (line, colour) in enumerate(lines):
         axes.text(
             0.0,
-            1.0 - index / most_lines,
+            1.0 - index / max_lines,
             line,
             family="monospace",
             fontsize=7.0,

@@ -1,4 +1,4 @@
-"""How well the tool followed: errors against the truth at the same time, and how late it was."""
+"""Tracking errors of the tool against the ground truth at the same time, and the lag."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node import se3
-from ik_node.clock import NS
+from ik_node.interfaces.clock import NS
+from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.truth import Poses, Truth, rotation_angle
-from ik_node.robot import Robot
-from ik_node.se3 import Array
+from ik_node.report.ground_truth import GroundTruth, Poses, rotation_angle
+from ik_node.robot.robot import Robot
 
 LAG_RANGE_S = (-0.2, 0.6)
-"""Lags looked for."""
+"""Range of the search for the lag."""
 LAG_STEP_S = 0.005
-"""Grid on which the search begins."""
+"""Grid of the first search."""
 LAG_ROWS = 4000
-"""Moments used in the search, evenly picked."""
-LEAST_SPEED = 1e-3
-"""Below this mean speed (m/s, rad/s) of the truth a lag cannot be told."""
+"""Number of samples used in the search, evenly spaced."""
+MIN_MEAN_SPEED = 1e-3
+"""Below this mean speed (m/s, rad/s) of the ground truth the lag cannot be estimated."""
 
 
-class Errors(NamedTuple):
-    """Root mean square and maximum; NaN over no moments at all."""
+class TrackingErrors(NamedTuple):
+    """Root mean square and maximum; NaN without samples."""
 
     position_rms_mm: float
     position_max_mm: float
@@ -35,42 +35,45 @@ class Errors(NamedTuple):
     orientation_max_mrad: float
 
 
-class Tracking(NamedTuple):
-    """The measured tool pose against the truth at the joint state's own stamp."""
+class TrackingMetrics(NamedTuple):
+    """Errors of the measured tool pose against the ground truth at the stamp of the joint state."""
 
     against: str
-    """What the truth is."""
+    """Name of the ground truth."""
     settle_s: float
-    settled: Errors
-    """From ``settle_s`` after the truth's start to its end."""
-    overall: Errors
-    """From the truth's start to its end."""
+    settled: TrackingErrors
+    """From ``settle_s`` after the start of the ground truth to its end."""
+    overall: TrackingErrors
+    """From the start of the ground truth to its end."""
     lag_position_ms: float
-    """The delay of the truth that makes the RMS position error least; NaN when the truth stands still."""
+    """Delay of the ground truth that minimises the RMS position error; NaN when the ground truth is at rest."""
     lag_rotation_ms: float
     position_rms_without_lag_mm: float
     orientation_rms_without_lag_mrad: float
 
 
-class Series(NamedTuple):
-    """What a picture of the tracking needs, at every measured moment (m,)."""
+class TrackingSeries(NamedTuple):
+    """Poses and errors at every measured joint state, m rows."""
 
     times_s: Array
     """On the axis of ``Run.times_s``."""
     measured: Poses
-    wanted: Poses
+    desired: Poses
     position_error: Array
     """m."""
     orientation_error: Array
     """rad."""
     inside: NDArray[np.bool_]
-    """Between the truth's start and end."""
+    """(m,), between start and end of the ground truth."""
 
 
 def measured_poses(run: Run) -> tuple[Poses, NDArray[np.int64], Array]:
-    """Tool poses from the measured q alone, (m,), their ROS times and their times on the run's axis.
+    """Tool poses from the measured joint positions.
 
-    Ticks without a joint state are left out, and so is a state that several ticks used.
+    Steps without a joint state are skipped; a joint state used by several steps is returned once.
+
+    Returns:
+        Poses in the base frame (m rows), their ROS times in ns (m,), and their times on the axis of ``run.times_s``.
     """
     robot = Robot(run.urdf, run.base_frame, run.tip_frame, run.joints, str(run.settings.get("joint_prefix", "")))
     rows = np.flatnonzero(np.isfinite(run.q).all(axis=1) & np.isfinite(run.state_times_s))
@@ -83,43 +86,45 @@ def measured_poses(run: Run) -> tuple[Poses, NDArray[np.int64], Array]:
     return Poses(position, quaternion), run.state_ros_ns[rows], run.state_times_s[rows]
 
 
-def compare(run: Run, truth: Truth, settle_s: float) -> tuple[Tracking, Series]:
-    """Errors and lag of ``run``, with the series behind them."""
+def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetrics, TrackingSeries]:
+    """Errors and lag of ``run``, with the poses and errors over time."""
     measured, ros_ns, times = measured_poses(run)
-    wanted = truth.at(ros_ns)
-    series = Series(
+    desired = truth.at(ros_ns)
+    series = TrackingSeries(
         times,
         measured,
-        wanted,
-        np.linalg.norm(measured.position - wanted.position, axis=1),
-        rotation_angle(measured.quaternion, wanted.quaternion),
+        desired,
+        np.linalg.norm(measured.position - desired.position, axis=1),
+        rotation_angle(measured.quaternion, desired.quaternion),
         (ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]),
     )
     settled = series.inside & (ros_ns - truth.ros_ns[0] >= settle_s * NS)
     lag_position, lag_rotation = _lags(measured, ros_ns, truth, np.flatnonzero(settled))
-    late = [truth.at(ros_ns[settled], 0.0 if math.isnan(lag) else lag) for lag in (lag_position, lag_rotation)]
-    left_position = np.linalg.norm(measured.position[settled] - late[0].position, axis=1)
-    left_rotation = rotation_angle(measured.quaternion[settled], late[1].quaternion)
-    tracking = Tracking(
+    delayed = [truth.at(ros_ns[settled], 0.0 if math.isnan(lag) else lag) for lag in (lag_position, lag_rotation)]
+    remaining_position = np.linalg.norm(measured.position[settled] - delayed[0].position, axis=1)
+    remaining_rotation = rotation_angle(measured.quaternion[settled], delayed[1].quaternion)
+    tracking = TrackingMetrics(
         against=truth.source,
         settle_s=settle_s,
         settled=_errors(series, settled),
         overall=_errors(series, series.inside),
         lag_position_ms=1e3 * lag_position,
         lag_rotation_ms=1e3 * lag_rotation,
-        position_rms_without_lag_mm=1e3 * _rms(left_position),
-        orientation_rms_without_lag_mrad=1e3 * _rms(left_rotation),
+        position_rms_without_lag_mm=1e3 * _rms(remaining_position),
+        orientation_rms_without_lag_mrad=1e3 * _rms(remaining_rotation),
     )
     return tracking, series
 
 
-def _errors(series: Series, rows: NDArray[np.bool_]) -> Errors:
+def _errors(series: TrackingSeries, rows: NDArray[np.bool_]) -> TrackingErrors:
     position, orientation = series.position_error[rows], series.orientation_error[rows]
-    return Errors(1e3 * _rms(position), 1e3 * _max(position), 1e3 * _rms(orientation), 1e3 * _max(orientation))
+    return TrackingErrors(1e3 * _rms(position), 1e3 * _max(position), 1e3 * _rms(orientation), 1e3 * _max(orientation))
 
 
-def _lags(measured: Poses, ros_ns: NDArray[np.int64], truth: Truth, rows: NDArray[np.int64]) -> tuple[float, float]:
-    """Lags in s of position and rotation; NaN where the truth does not move."""
+def _lags(
+    measured: Poses, ros_ns: NDArray[np.int64], truth: GroundTruth, rows: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Lags of position and orientation in s; NaN where the ground truth is at rest."""
     picked = rows[:: max(1, len(rows) // LAG_ROWS)]
     if len(picked) < 3:
         return math.nan, math.nan
@@ -131,17 +136,17 @@ def _lags(measured: Poses, ros_ns: NDArray[np.int64], truth: Truth, rows: NDArra
     def rotation_cost(lag_s: float) -> float:
         return _rms(rotation_angle(quaternion, truth.at(stamps, lag_s).quaternion))
 
-    wanted, duration_s = truth.at(stamps), (stamps[-1] - stamps[0]) / NS
-    path = np.linalg.norm(np.diff(wanted.position, axis=0), axis=1).sum()
-    turn = rotation_angle(wanted.quaternion[1:], wanted.quaternion[:-1]).sum()
+    desired, duration_s = truth.at(stamps), (stamps[-1] - stamps[0]) / NS
+    path = np.linalg.norm(np.diff(desired.position, axis=0), axis=1).sum()
+    turn = rotation_angle(desired.quaternion[1:], desired.quaternion[:-1]).sum()
     return (
-        _least(position_cost) if path > LEAST_SPEED * duration_s else math.nan,
-        _least(rotation_cost) if turn > LEAST_SPEED * duration_s else math.nan,
+        _minimise(position_cost) if path > MIN_MEAN_SPEED * duration_s else math.nan,
+        _minimise(rotation_cost) if turn > MIN_MEAN_SPEED * duration_s else math.nan,
     )
 
 
-def _least(cost: Callable[[float], float]) -> float:
-    """Where ``cost`` is least: the best of a grid, then golden sections between its neighbours."""
+def _minimise(cost: Callable[[float], float]) -> float:
+    """Argument of the minimum: the best point of a grid, refined by golden-section search between its neighbours."""
     grid: list[float] = np.arange(LAG_RANGE_S[0], LAG_RANGE_S[1] + 0.5 * LAG_STEP_S, LAG_STEP_S).tolist()
     best = float(min(grid, key=cost))
     low, high = best - LAG_STEP_S, best + LAG_STEP_S

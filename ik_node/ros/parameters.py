@@ -1,4 +1,4 @@
-"""Settings as ROS parameters: declared with description, unit and range, read, and changed at run time."""
+"""Settings as ROS parameters: declaration with description, unit and range, reading, and changes at run time."""
 
 from __future__ import annotations
 
@@ -9,36 +9,52 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParam
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
-from ik_node.errors import IkNodeError
-from ik_node.settings import Descriptor, Settings, Value, describe
+from ik_node.errors import IkNodeError, SettingsError
+from ik_node.settings.groups import Settings, describe
+from ik_node.settings.replaced import REMOVED, RENAMED, replacement
+from ik_node.settings.schema import Descriptor, Value, limits_per_element
 
 BIG = 1e12
-"""Stands for an open end: parameter ranges have two ends."""
+"""Replaces an infinite limit: ROS parameter ranges have two finite ends."""
 
 
 def declare(node: Any) -> None:
-    """Declares every setting on ``node``, with what people need to know about it."""
+    """Declare every parameter on ``node`` with description, unit and range.
+
+    Raises:
+        SettingsError: The node was started with a parameter of an earlier version; the message names its replacement.
+    """
+    # ROS ignores the values of undeclared parameters, so the old names are declared to find out whether they are set.
+    for name in (*RENAMED, *REMOVED):
+        value = node.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
+        node.undeclare_parameter(name)
+        if value is not None:
+            raise SettingsError(replacement(name))
     for about in describe():
         node.declare_parameter(about.name, _declared(about), _descriptor(about))
 
 
 def read(node: Any) -> Settings:
-    """The node's parameters as settings; SettingsError naming the parameter that is out of range."""
+    """Return the parameters of ``node`` as settings; raises SettingsError naming an invalid parameter."""
     return Settings().with_values({about.name: _read_one(node, about) for about in describe()})
 
 
 def follow_changes(
     node: Any, current: Callable[[], Settings], check: Callable[[Settings], None], apply: Callable[[Settings], None]
 ) -> None:
-    """Lets parameters change at run time: ``check`` has no side effects and refuses with one of our errors.
+    """Let parameters change at run time.
 
-    ``apply`` is called once everybody has accepted.
+    Args:
+        node: The node that has declared them.
+        current: Returns the settings in force.
+        check: Raises an IkNodeError for settings that cannot be used; has no side effects.
+        apply: Called with the new settings after all callbacks have accepted the change.
     """
     known = {about.name: about for about in describe()}
 
     def changed(parameters: Sequence[Parameter]) -> Settings:
-        ours = [parameter for parameter in parameters if parameter.name in known]
-        return current().with_values({p.name: _value(p, known[p.name]) for p in ours})
+        changes = [parameter for parameter in parameters if parameter.name in known]
+        return current().with_values({p.name: _value(p, known[p.name]) for p in changes})
 
     def on_set(parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
@@ -76,9 +92,12 @@ def _descriptor(about: Descriptor) -> ParameterDescriptor:
     unit = f" [{about.unit}]" if about.unit else ""
     descriptor = ParameterDescriptor(description=about.description + unit, read_only=about.read_only)
     if about.choices:
-        descriptor.additional_constraints = "one of: " + ", ".join(about.choices)
+        descriptor.additional_constraints = "one of: " + about.valid_text
+    elif isinstance(about.default, tuple):
+        size = f"{about.size} elements" if about.size else ""
+        descriptor.additional_constraints = ": ".join(text for text in (size, about.valid_text) if text)
     if isinstance(about.default, float) and (about.minimum is not None or about.maximum is not None):
-        low = -BIG if about.minimum is None else about.minimum
-        high = BIG if about.maximum is None else about.maximum
-        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+        (low,), (high,) = limits_per_element(about)
+        ends = -BIG if low is None else low, BIG if high is None else high
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(ends[0]), to_value=float(ends[1]))]
     return descriptor

@@ -1,19 +1,19 @@
-"""Qualities of service, said once."""
+"""Quality-of-service profiles of all publishers and subscriptions."""
 
 from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STREAM = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""What we listen to, fast: matches reliable and best-effort publishers. Deep enough that a hiccup loses nothing."""
+"""Fast inputs: matches reliable and best-effort publishers; the depth covers short delays of the subscriber."""
 COMMAND = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
-"""What moves the robot: only the newest counts, and it has to arrive."""
+"""Velocity commands: reliable, newest only."""
 OUTPUT = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
-"""What people and tools listen to."""
+"""All other outputs, and inputs that are sent once."""
 LATCHED = QoSProfile(
     depth=1,
     history=HistoryPolicy.KEEP_LAST,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""What late joiners need too: the robot description, the status."""
+"""Outputs for late subscribers too: robot description and status."""

@@ -1,4 +1,4 @@
-"""A simulated robot as a node: takes velocity commands, publishes joint states and the robot's description."""
+"""A simulated arm as a node: subscribes to velocity commands, publishes joint states and the robot description."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
-from ik_node.catalogue import robot_from
 from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
+from ik_node.robot.catalogue import robot_from_settings
+from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.ros import qos
-from ik_node.settings import ArmSettings
-from ik_node.simulator import ArmModel, SimulatedArm
+from ik_node.settings.groups import ArmSettings
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
-    """An ideal arm behind the topics of a forward_command_controller and a joint_state_broadcaster."""
+    """Simulated arm with the topics of a forward_command_controller and a joint_state_broadcaster."""
 
     def __init__(self) -> None:
-        """Raises our errors when the robot is unknown or the initial position does not fit it."""
+        """Read the parameters; raises RobotError or SettingsError when they do not describe an arm."""
         super().__init__("ik_simulator")
         arm = ArmSettings(
             robot=self._text("robot", "panda", "Name of a robot in example-robot-data."),
-            robot_description=self._text("robot_description", "", "URDF as text, instead of `robot`."),
+            robot_description=self._text("robot_description", "", "URDF as text, instead of robot."),
             base_frame=self._text("base_frame", "", "As for ik_node."),
             tip_frame=self._text("tip_frame", "", "As for ik_node."),
             joint_prefix=self._text("joint_prefix", "", "As for ik_node."),
@@ -37,7 +37,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         rate_hz = self.declare_parameter("rate_hz", 500.0, about).value
         about = ParameterDescriptor(description="Joint positions at the start [rad, m].", read_only=True)
         start = self.declare_parameter("initial_position", [0.0], about).value
-        robot = robot_from(arm)
+        robot = robot_from_settings(arm)
         position = np.zeros(robot.n) if list(start) == [0.0] else np.array(start, dtype=np.float64)
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
@@ -73,5 +73,5 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self._states.publish(encode.encode_joint_state(self._joints, stamp_ns, position, velocity))
 
     def finish(self, executor: Any) -> None:
-        """Nothing moves that would have to be stopped."""
+        """Do nothing: nothing moves that has to be stopped."""
         del executor

@@ -1,4 +1,4 @@
-"""Answers of tf: where frames outside the robot's model are. Used where tf2_ros can be imported; it is not on PyPI."""
+"""Poses of frames outside the robot model, from tf. Needs tf2_ros, which is part of ROS but not on PyPI."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from rclpy.time import Time
 
-from ik_node.frames import answer_text
+from ik_node.robot.frames import transform_text
 
 
 class Transforms:
-    """Asks tf for frames; without tf2_ros, or where tf connects nothing, there are no answers."""
+    """Looks frames up in tf; yields nothing without tf2_ros or where tf does not connect a frame."""
 
     def __init__(self, node: Any) -> None:
         self._buffer: Any = None
@@ -25,17 +25,21 @@ class Transforms:
         self._listener = tf2_ros.TransformListener(self._buffer, node)
         self._last: dict[str, str] = {}
 
-    def answers(self, base: str, frames: Iterable[str]) -> Iterator[str]:
-        """The newest place of each of ``frames`` in ``base`` where it is new, as :func:`ik_node.frames.answer_text`."""
+    def lookup(self, base: str, frames: Iterable[str]) -> Iterator[str]:
+        """Yield the newest pose of each of ``frames`` in ``base`` that has changed since the last call.
+
+        A pose is a text made by :func:`ik_node.robot.frames.transform_text`.
+        """
         if self._buffer is None:
             return
         for frame in frames:
             try:
-                found = self._buffer.lookup_transform(base, frame, Time()).transform
+                transform = self._buffer.lookup_transform(base, frame, Time()).transform
             except self._failure:
-                continue  # the controller refuses the frame, and lists those that there are
-            place, turn = found.translation, found.rotation
-            text = answer_text(frame, (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
+                continue  # the controller refuses the frame and lists the known ones
+            position, rotation = transform.translation, transform.rotation
+            quaternion = (rotation.x, rotation.y, rotation.z, rotation.w)
+            text = transform_text(frame, (position.x, position.y, position.z), quaternion)
             if self._last.get(frame) != text:
                 self._last[frame] = text
                 yield text

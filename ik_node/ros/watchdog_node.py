@@ -1,7 +1,7 @@
-"""A second process that stops the arm when the first one cannot: it was killed, or hangs.
+"""A node that stops the arm when the controlling node was killed or hangs; it runs in a process of its own.
 
-A forward_command_controller keeps the last velocity for ever. This node listens to the commands; when the last one was
-not zero and no other follows in time, it says zero on the same topic.
+A forward_command_controller keeps its last velocity. This node subscribes to the commands and publishes zeros on the
+same topic when no command follows a non-zero one in time.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from ik_node.errors import InputError
+from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.messages import decode, encode
 from ik_node.ros import qos
-from ik_node.step import Level, Mode, Status
 
 CHECKS_PER_TIMEOUT = 10
-"""The silence is noticed at most this part of the time-out late."""
+"""The timeout is checked this often, so that it is exceeded by at most a tenth."""
 REPETITIONS = 5
-"""Zeros are said so often: nobody answers for this message."""
+"""Number of zero commands that are published."""
 
 
 class WatchdogNode(Node):  # type: ignore[misc]
-    """Watches ``/ik_node/commands`` (remappable)."""
+    """Monitors ``/ik_node/commands`` (can be remapped)."""
 
     def __init__(self) -> None:
         super().__init__("ik_watchdog")
         valid = FloatingPointRange(from_value=0.01, to_value=10.0)
         about = ParameterDescriptor(
-            description="Without a command for this long after one that was not zero, the arm is stopped [s].",
+            description="Longest time without a command after a non-zero one; then the arm is stopped [s].",
             floating_point_range=[valid],
         )
         self._timeout_s = float(self.declare_parameter("timeout_s", 0.1, about).value)
         self._last = np.zeros(0)
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         self._zeros_left = 0
         self._commands = self.create_publisher(Float64MultiArray, "/ik_node/commands", qos.COMMAND)
         self._status = self.create_publisher(DiagnosticStatus, "~/status", qos.LATCHED)
         self.create_subscription(Float64MultiArray, "/ik_node/commands", self._on_command, qos.OUTPUT, raw=True)
         self.create_timer(self._timeout_s / CHECKS_PER_TIMEOUT, self._check)
-        self._say(Status(Level.OK, Mode.WAITING, "watching"))
+        self._publish_status(Status(Level.OK, Mode.WAITING, "monitoring"))
 
     def _on_command(self, data: bytes) -> None:
         try:
@@ -52,27 +52,27 @@ class WatchdogNode(Node):  # type: ignore[misc]
         except InputError:
             return
         if self._zeros_left and not command.any():
-            return  # our own zeros, heard back
-        self._last, self._heard_s = command, time.monotonic()
+            return  # a zero command of this node
+        self._last, self._received_s = command, time.monotonic()
         if self._zeros_left:
             self._zeros_left = 0
-            self._say(Status(Level.OK, Mode.WAITING, "watching; commands have come back"))
+            self._publish_status(Status(Level.OK, Mode.WAITING, "monitoring; commands have resumed"))
 
     def _check(self) -> None:
-        if self._zeros_left == 0 and self._last.any() and time.monotonic() - self._heard_s > self._timeout_s:
+        if self._zeros_left == 0 and self._last.any() and time.monotonic() - self._received_s > self._timeout_s:
             self._zeros_left = REPETITIONS
-            reason = f"no command for {self._timeout_s:g} s after one that was not zero; the arm was stopped"
+            reason = f"no command for {self._timeout_s:g} s after a non-zero one; the arm was stopped"
             self.get_logger().error(reason)
-            self._say(Status(Level.ERROR, Mode.STOPPED, reason))
+            self._publish_status(Status(Level.ERROR, Mode.STOPPED, reason))
         if self._zeros_left:
             self._commands.publish(encode.encode_command(np.zeros(len(self._last))))
             self._zeros_left -= 1
             if self._zeros_left == 0:
                 self._last = np.zeros(len(self._last))
 
-    def _say(self, status: Status) -> None:
+    def _publish_status(self, status: Status) -> None:
         self._status.publish(encode.encode_status(status, self.get_fully_qualified_name()))
 
     def finish(self, executor: Any) -> None:
-        """Nothing is left to do."""
+        """Do nothing: there is nothing to close."""
         del executor

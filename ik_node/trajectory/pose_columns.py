@@ -1,7 +1,7 @@
-"""Which columns of a table are the position, the quaternion and the time, when nobody said so.
+"""Detection of the columns of position, quaternion and time in a table.
 
-Names decide where the file has them: ``x y z``, ``tx ty tz``, ``pos_x ...``, ``pose.position.x ...`` make a position,
-four names that end in w, x, y, z a quaternion of that order. Where it has none the number of columns decides.
+If the file has names of columns, these decide: ``x y z``, ``tx ty tz``, ``pos_x ...``, ``pose.position.x ...`` make a
+position, four names that end in w, x, y, z a quaternion of that order. Otherwise the number of columns decides.
 """
 
 from __future__ import annotations
@@ -10,35 +10,42 @@ import re
 from typing import NamedTuple
 
 from ik_node.errors import TrajectoryFileError
-from ik_node.trajectory.table import Table
+from ik_node.trajectory.pose_file_format import TIME_UNITS
+from ik_node.trajectory.pose_table import PoseTable
 
 POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation")
-"""What stands before x, y, z in names of a position."""
+"""Text before x, y, z in the names of a position."""
 GOAL_WORDS = ("goal", "target", "desired", "command")
-"""A file with several poses most likely means the one of these to be followed."""
+"""Among several poses, one whose name has such a word is the pose to follow."""
 TIME_WORDS = ("time", "timestamp", "stamp", "t", "ros", "log", "sec")
-"""Names of a time column, alone or with a unit behind them."""
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Unit -> seconds."""
+"""Names of a time column, alone or followed by a unit."""
 LAYOUTS: dict[int, tuple[bool, int, int]] = {2: (False, 2, 0), 3: (False, 3, 0), 7: (False, 3, 4), 8: (True, 3, 4)}
-"""Columns without names: whether the first is the time, how many make the position, how many the quaternion."""
+"""Number of unnamed columns -> whether the first is the time, number of columns of position and quaternion."""
 
 
-class Columns(NamedTuple):
-    """The columns of a pose; empty where the file has none."""
+class PoseColumns(NamedTuple):
+    """Names of the columns of a pose; empty for those that the file does not have."""
 
     position: tuple[str, ...] = ()
     quaternion: tuple[str, ...] = ()
     order: str = ""
-    """Of the quaternion's columns, "xyzw" or "wxyz"; empty when names do not tell."""
+    """Order of the quaternion, "xyzw" or "wxyz"; empty if the names do not define it."""
     time: str = ""
     time_unit: str = ""
 
 
-def detect(table: Table, prefix: str = "") -> Columns:
-    """The columns of the pose whose names begin with ``prefix``.
+def detect(table: PoseTable, prefix: str = "") -> PoseColumns:
+    """Detects the columns of a pose.
 
-    Raises TrajectoryFileError when there is none, or when several are there and none is plainly the goal.
+    Args:
+        table: The table.
+        prefix: Prefix of the names of the columns to consider.
+
+    Returns:
+        The columns.
+
+    Raises:
+        TrajectoryFileError: There is no pose, or several of which none is the only goal.
     """
     if not table.named:
         return _by_count(table)
@@ -58,35 +65,37 @@ def detect(table: Table, prefix: str = "") -> Columns:
         candidates = goals
     root, position = next(iter(candidates.items()))
     quaternion, order = _quaternion(table.names, root)
-    return Columns(position, quaternion, order, time, unit)
+    return PoseColumns(position, quaternion, order, time, unit)
 
 
-def quaternion_beside(table: Table, position: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
-    """Columns and order of the quaternion whose names belong to those of ``position``; empty when there is none."""
+def quaternion_beside(table: PoseTable, position: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """Columns and order of the quaternion with the same prefix as ``position``; empty if there is none."""
     if not table.named or not position or position[0] not in table.names:
         return (), ""
     return _quaternion(table.names, _root(position[0][:-1]))
 
 
-def named_time(table: Table) -> tuple[str, str]:
-    """Name and unit of the column of time; empty when no name tells."""
+def named_time(table: PoseTable) -> tuple[str, str]:
+    """Name and unit of the time column; empty if no name defines it."""
     return _time(table.names) if table.named else ("", "")
 
 
 def time_unit(name: str) -> str:
-    """The unit that a time column's name ends in; empty when it does not."""
+    """Unit at the end of the name of a time column; empty if there is none."""
     last = re.split(r"[^a-z]+", name.lower())[-1]
     return last if last in TIME_UNITS and last != name.lower() else ""
 
 
-def _by_count(table: Table) -> Columns:
+def _by_count(table: PoseTable) -> PoseColumns:
     if len(table.names) not in LAYOUTS:
         raise TrajectoryFileError(
             f"{table.path.name} has {len(table.names)} columns without names; say which are the position (0, 1, 2, ...)"
         )
     timed, position, quaternion = LAYOUTS[len(table.names)]
     names = table.names[1:] if timed else table.names
-    return Columns(names[:position], names[position : position + quaternion], "", table.names[0] if timed else "", "")
+    return PoseColumns(
+        names[:position], names[position : position + quaternion], "", table.names[0] if timed else "", ""
+    )
 
 
 def _positions(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -128,6 +137,6 @@ def _last_word(stem: str) -> str:
 
 
 def _root(stem: str) -> str:
-    """What stands before the last word: "goal_pos_" -> "goal_", "pose.position." -> "pose.", "t" -> ""."""
+    """The name without its last word: "goal_pos_" -> "goal_", "pose.position." -> "pose.", "t" -> ""."""
     trimmed = stem.rstrip("_./- ")
     return trimmed[: len(trimmed) - len(_last_word(stem))]

@@ -1,136 +1,96 @@
-"""Recorded poses as trajectories: CSV, text and NPY files of other people, as they are."""
+"""Loads recorded poses from CSV, text and NPY files as trajectories."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError, TrajectoryFileError
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.types import Array
 from ik_node.trajectory import pose_columns
-from ik_node.trajectory.pose_columns import TIME_UNITS, Columns
+from ik_node.trajectory.pose_columns import PoseColumns
+from ik_node.trajectory.pose_file_format import (
+    DEFAULT_DURATION_S,
+    LENGTH_UNITS,
+    MAX_DURATION_S,
+    NO_COLUMN,
+    ORDERS,
+    TIME_UNITS,
+    PoseFileFormat,
+)
+from ik_node.trajectory.pose_table import PoseTable, read_table
 from ik_node.trajectory.sampled import SampledTrajectory
-from ik_node.trajectory.table import Table, read_table
 
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Unit -> metres."""
-ORDERS = ("xyzw", "wxyz")
-NO_COLUMN = "none"
-"""Given as the quaternion's or time's column: the file's is not to be used."""
-DEFAULT_DURATION_S = 10.0
-"""Length of a motion whose file holds no time."""
 LARGEST_POSITION_M = 3.0
-"""Without a stated unit, positions beyond this are not believed to be metres."""
-LONGEST_S = 86400.0
-"""Stamps that span more are not believed to be in the unit assumed."""
-
-
-def option(default: Any, about: str, choices: tuple[str, ...] = ()) -> Any:
-    """A field of :class:`PoseFileFormat` that a command line can offer."""
-    return field(default=default, metadata={"description": about, "choices": choices})
-
-
-@dataclass(frozen=True)
-class PoseFileFormat:
-    """How to read a file of poses. What is left empty is found out from the file, and said by ``describe()``.
-
-    Columns are names, or numbers counted from 0. A file without z, or without orientation, takes them from the arm's
-    start pose.
-    """
-
-    prefix: str = option("", "begin of the names of the columns to use, when the file holds several poses")
-    position: tuple[str, ...] = option((), "columns x, y and z; two when there is no z")
-    quaternion: tuple[str, ...] = option((), f"the quaternion's four columns; or {NO_COLUMN}")
-    order: str = option("", "order of the quaternion's columns", ORDERS)
-    units: str = option("", "unit of length in the file; default: m", tuple(LENGTH_UNITS))
-    time: str = option("", f"column of time; or {NO_COLUMN}: samples are evenly spaced")
-    time_unit: str = option("", "unit of that column; default: s", tuple(TIME_UNITS))
-    time_file: str = option("", "file that holds the column of time, row by row, when it is another one")
-    demo: int = option(0, "which demonstration of an NPY file")
-    duration_s: float | None = option(
-        None, f"play the whole file in this time; default: its own, or {DEFAULT_DURATION_S:g} s when it holds none"
-    )
-    start_s: float = option(0.0, "begin here, in seconds of the motion")
-    end_s: float | None = option(None, "end here, in seconds of the motion")
-    relative: bool = option(False, "lay the first pose onto the arm's start pose and keep the base's axes")
-    scale: float = option(1.0, "enlarge the path about its first point; turns stay")
-    offset: tuple[float, float, float] = option((0.0, 0.0, 0.0), "move the path, in metres along the base's axes")
-
-    def __post_init__(self) -> None:
-        for name, value, valid in (
-            ("order", self.order, ORDERS),
-            ("units", self.units, tuple(LENGTH_UNITS)),
-            ("time_unit", self.time_unit, tuple(TIME_UNITS)),
-        ):
-            if value and value not in valid:
-                raise TrajectoryFileError(f"{name} is '{value}'; valid: {', '.join(valid)}")
-        if len(self.position) not in (0, 2, 3):
-            raise TrajectoryFileError(f"position names {len(self.position)} columns; expected 2 or 3")
-        if len(self.quaternion) not in (0, 4) and self.quaternion != (NO_COLUMN,):
-            raise TrajectoryFileError(f"quaternion names {len(self.quaternion)} columns; expected 4, or {NO_COLUMN}")
-        if self.duration_s is not None and not 0.0 < self.duration_s <= LONGEST_S:
-            raise TrajectoryFileError(f"duration_s is {self.duration_s}; valid: above 0 to {LONGEST_S:g}")
-        numbers = (self.scale, self.start_s, *self.offset, 0.0 if self.end_s is None else self.end_s)
-        if not np.isfinite(numbers).all():
-            raise TrajectoryFileError("scale, offset, start_s and end_s must be finite")
+"""Largest plausible position in metres if the file does not state a unit."""
 
 
 class PoseFileTrajectory(SampledTrajectory):
-    """The motion that a file holds; interpolated as :class:`SampledTrajectory` says."""
+    """The trajectory of a file, interpolated by :class:`SampledTrajectory`."""
 
     def __init__(self, times_s: Array, poses: Array, description: str) -> None:
         super().__init__(times_s, poses)
         self._description = description
 
     def describe(self) -> str:
-        """One line: what was read and how it was understood."""
+        """One line with the columns, units and times that were read."""
         return self._description
 
 
-def load(path: str | Path, how: PoseFileFormat | None = None, start_pose: Array | None = None) -> PoseFileTrajectory:
-    """Reads the motion in ``path``.
+def load(
+    path: str | Path, file_format: PoseFileFormat | None = None, start_pose: Array | None = None
+) -> PoseFileTrajectory:
+    """Loads a trajectory from a file.
 
-    ``start_pose`` (4, 4) is the arm's at the start: needed for ``relative`` and for what the file does not hold.
-    Raises TrajectoryFileError, naming the column or sample, when the file does not hold what ``how`` says, when its
-    unit of length or order of quaternion cannot be told, when stamps go backwards, or when a number is not finite.
+    Args:
+        path: CSV, text or NPY file.
+        file_format: Format of the file; default: detected.
+        start_pose: Start pose T_sb of the arm (4, 4), for ``relative`` and for parts that the file does not have.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        TrajectoryFileError: The file does not have the format, its unit of length or order of the quaternion is
+            ambiguous, times decrease, or a number is not finite. The message states the column or sample.
     """
-    file, how = Path(path), how or PoseFileFormat()
-    table = read_table(file, how.demo)
+    file, file_format = Path(path), file_format or PoseFileFormat()
+    table = read_table(file, file_format.demo)
     if len(table) < 2:
         raise TrajectoryFileError(f"{file.name} holds {len(table)} sample; a motion needs two")
-    columns = _columns(table, how)
+    columns = _columns(table, file_format)
     start = None if start_pose is None else se3.checked_pose(start_pose, "start_pose")
-    times, timing = _times(table, columns, how)
-    poses = _poses(table, columns, how, start)
-    used = _window(times, how, file.name)
+    times, timing = _times(table, columns, file_format)
+    poses = _poses(table, columns, file_format, start)
+    used = _window(times, file_format, file.name)
     times, poses = times[used] - times[used][0], poses[used]
-    _place(poses, how, start, file.name)
+    _place(poses, file_format, start, file.name)
     try:
-        return PoseFileTrajectory(times, poses, _description(table, columns, how, timing, float(times[-1]), len(times)))
+        return PoseFileTrajectory(
+            times, poses, _description(table, columns, file_format, timing, float(times[-1]), len(times))
+        )
     except InputError as error:
         raise TrajectoryFileError(f"{file.name}: {error}") from error
 
 
-def _columns(table: Table, how: PoseFileFormat) -> Columns:
-    """Explicit columns where given, found ones elsewhere."""
-    if how.position:
-        quaternion, order = pose_columns.quaternion_beside(table, how.position)
+def _columns(table: PoseTable, file_format: PoseFileFormat) -> PoseColumns:
+    """Explicit columns if given, detected ones otherwise."""
+    if file_format.position:
+        quaternion, order = pose_columns.quaternion_beside(table, file_format.position)
         time, unit = pose_columns.named_time(table)
-        found = Columns(how.position, quaternion, order, time, unit)
+        found = PoseColumns(file_format.position, quaternion, order, time, unit)
     else:
-        found = pose_columns.detect(table, how.prefix)
-    if how.quaternion:
-        given = () if how.quaternion == (NO_COLUMN,) else how.quaternion
+        found = pose_columns.detect(table, file_format.prefix)
+    if file_format.quaternion:
+        given = () if file_format.quaternion == (NO_COLUMN,) else file_format.quaternion
         order = "".join(name[-1].lower() for name in given if not name.isdecimal())
         found = found._replace(quaternion=given, order=order if order in ORDERS else "")
-    if how.order and (how.quaternion or not found.order):
-        found = found._replace(order=how.order)
-    if how.time or how.time_file:
-        found = found._replace(time="" if how.time == NO_COLUMN else how.time, time_unit="")
+    if file_format.order and (file_format.quaternion or not found.order):
+        found = found._replace(order=file_format.order)
+    if file_format.time or file_format.time_file:
+        found = found._replace(time="" if file_format.time == NO_COLUMN else file_format.time, time_unit="")
     if found.quaternion and not found.order:
         raise TrajectoryFileError(
             f"{table.path.name}: the order of the quaternion in columns {', '.join(found.quaternion)} is not known; "
@@ -139,27 +99,27 @@ def _columns(table: Table, how: PoseFileFormat) -> Columns:
     return found
 
 
-def _times(table: Table, columns: Columns, how: PoseFileFormat) -> tuple[Array, str]:
-    """Seconds from the first sample (N,), and how they were found."""
-    if columns.time or how.time_file:
-        times, said = _stamps(table, columns, how)
-        if how.duration_s is not None:
-            times *= how.duration_s / times[-1]
-            said += f", played in {how.duration_s:g} s"
+def _times(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat) -> tuple[Array, str]:
+    """Times from the first sample (N,) [s], and a description of their origin."""
+    if columns.time or file_format.time_file:
+        times, said = _stamps(table, columns, file_format)
+        if file_format.duration_s is not None:
+            times *= file_format.duration_s / times[-1]
+            said += f", played in {file_format.duration_s:g} s"
         return times, said
-    duration_s = DEFAULT_DURATION_S if how.duration_s is None else how.duration_s
-    origin = "no time in the file" if how.duration_s is None else "as asked"
+    duration_s = DEFAULT_DURATION_S if file_format.duration_s is None else file_format.duration_s
+    origin = "no time in the file" if file_format.duration_s is None else "as asked"
     return np.linspace(0.0, duration_s, len(table)), f"evenly spaced over {duration_s:g} s ({origin})"
 
 
-def _stamps(table: Table, columns: Columns, how: PoseFileFormat) -> tuple[Array, str]:
-    source = read_table(Path(how.time_file)) if how.time_file else table
+def _stamps(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat) -> tuple[Array, str]:
+    source = read_table(Path(file_format.time_file)) if file_format.time_file else table
     if len(source) != len(table):
         raise TrajectoryFileError(
             f"{source.path.name} holds {len(source)} samples, {table.path.name} holds {len(table)}; expected as many"
         )
     column = columns.time or pose_columns.named_time(source)[0] or source.names[0]
-    unit = how.time_unit or pose_columns.time_unit(column) or "s"
+    unit = file_format.time_unit or pose_columns.time_unit(column) or "s"
     stamps = source.column(column)
     times = (stamps - stamps[0]) * TIME_UNITS[unit]
     backwards = np.flatnonzero(np.diff(times) < 0.0)
@@ -169,17 +129,17 @@ def _stamps(table: Table, columns: Columns, how: PoseFileFormat) -> tuple[Array,
             f"{source.path.name}: the time in column '{column}' goes backwards at sample {row}, "
             f"from {stamps[row - 1]:.12g} to {stamps[row]:.12g}"
         )
-    if not 0.0 < times[-1] <= LONGEST_S:
+    if not 0.0 < times[-1] <= MAX_DURATION_S:
         raise TrajectoryFileError(
             f"{source.path.name}: the time in column '{column}' spans {times[-1]:g} s when it is in {unit}; "
             f"say its unit: {', '.join(TIME_UNITS)}"
         )
-    where = f" of {source.path.name}" if how.time_file else ""
+    where = f" of {source.path.name}" if file_format.time_file else ""
     return times, f"time '{column}'{where} [{unit}]"
 
 
-def _poses(table: Table, columns: Columns, how: PoseFileFormat, start: Array | None) -> Array:
-    """Poses (N, 4, 4) in metres, with what is missing from the start pose."""
+def _poses(table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat, start: Array | None) -> Array:
+    """Poses (N, 4, 4) in metres; missing parts are those of the start pose."""
     count = len(table)
     missing = [
         name
@@ -191,12 +151,12 @@ def _poses(table: Table, columns: Columns, how: PoseFileFormat, start: Array | N
     poses = np.tile(np.eye(4) if start is None else start, (count, 1, 1))
     position = np.column_stack([table.column(name) for name in columns.position])
     largest = float(np.abs(position).max())
-    if not how.units and largest > LARGEST_POSITION_M:
+    if not file_format.units and largest > LARGEST_POSITION_M:
         raise TrajectoryFileError(
             f"{table.path.name}: positions reach {largest:g}, further than an arm in metres; "
             f"say the unit of length: {', '.join(LENGTH_UNITS)}"
         )
-    poses[:, : position.shape[1], 3] = position * LENGTH_UNITS[how.units or "m"]
+    poses[:, : position.shape[1], 3] = position * LENGTH_UNITS[file_format.units or "m"]
     if columns.quaternion:
         quaternions = np.column_stack([table.column(name) for name in columns.quaternion])
         if columns.order == "wxyz":
@@ -209,39 +169,39 @@ def _poses(table: Table, columns: Columns, how: PoseFileFormat, start: Array | N
     return poses
 
 
-def _window(times: Array, how: PoseFileFormat, name: str) -> slice:
-    end_s = float(times[-1]) if how.end_s is None else how.end_s
-    first, last = int(np.searchsorted(times, how.start_s)), int(np.searchsorted(times, end_s, side="right"))
+def _window(times: Array, file_format: PoseFileFormat, name: str) -> slice:
+    end_s = float(times[-1]) if file_format.end_s is None else file_format.end_s
+    first, last = int(np.searchsorted(times, file_format.start_s)), int(np.searchsorted(times, end_s, side="right"))
     if last - first < 2 or times[first] == times[last - 1]:
         raise TrajectoryFileError(
-            f"{name}: no motion between start_s {how.start_s:g} and end_s {end_s:g}; it lasts {times[-1]:.4g} s"
+            f"{name}: no motion between start_s {file_format.start_s:g} and end_s {end_s:g}; it lasts {times[-1]:.4g} s"
         )
     return slice(first, last)
 
 
-def _place(poses: Array, how: PoseFileFormat, start: Array | None, name: str) -> None:
-    """Scale, lay onto the start pose and move, in place."""
+def _place(poses: Array, file_format: PoseFileFormat, start: Array | None, name: str) -> None:
+    """Scales the poses, moves them onto the start pose and by the offset, in place."""
     first = poses[0].copy()
-    poses[:, :3, 3] = first[:3, 3] + how.scale * (poses[:, :3, 3] - first[:3, 3])
-    if how.relative:
+    poses[:, :3, 3] = first[:3, 3] + file_format.scale * (poses[:, :3, 3] - first[:3, 3])
+    if file_format.relative:
         if start is None:
             raise TrajectoryFileError(f"{name}: relative needs the arm's start pose")
         poses[:, :3, 3] += start[:3, 3] - first[:3, 3]
         poses[:, :3, :3] = poses[:, :3, :3] @ (first[:3, :3].T @ start[:3, :3])
-    poses[:, :3, 3] += how.offset
+    poses[:, :3, 3] += file_format.offset
 
 
 def _description(
-    table: Table, columns: Columns, how: PoseFileFormat, timing: str, duration_s: float, count: int
+    table: PoseTable, columns: PoseColumns, file_format: PoseFileFormat, timing: str, duration_s: float, count: int
 ) -> str:
     parts = [f"{count} samples over {duration_s:.4g} s", timing]
-    parts.append(f"position {', '.join(columns.position)} [{how.units or 'm'}]")
+    parts.append(f"position {', '.join(columns.position)} [{file_format.units or 'm'}]")
     parts.append(
         f"quaternion {', '.join(columns.quaternion)} [{columns.order}]" if columns.quaternion else "orientation held"
     )
     if len(columns.position) == 2:
         parts.append("z held")
-    if how.relative:
+    if file_format.relative:
         parts.append("relative to the start pose")
     if table.note:
         parts.insert(0, table.note)

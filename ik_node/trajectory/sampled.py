@@ -1,4 +1,4 @@
-"""A trajectory through recorded poses: smooth between them, never beyond them where they rest."""
+"""A trajectory through recorded poses, smooth between them and without overshoot at pauses."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ik_node import se3
 from ik_node.errors import InputError
-from ik_node.se3 import Array
+from ik_node.math import se3
+from ik_node.math.numerics import smoothstep
+from ik_node.math.types import Array
 
 
-class Sample(NamedTuple):
+class TimedPose(NamedTuple):
     """One recorded pose."""
 
     time_s: float
@@ -32,14 +33,19 @@ class SampledTrajectory:
         b1 = 1 - (1-u)^3,  b2 = 3 u^2 - 2 u^3,  b3 = u^3
 
     (the cumulative Bezier curve of Kim, Kim and Shin, SIGGRAPH 1995; for positions it is the Hermite cubic). The
-    velocity at a sample is van Albada's mean of the slopes before and after it: close to the smaller one, 0 beside a
-    repeated sample, so that steps and pauses in a stream do not make the curve overshoot. At both ends it rests.
+    velocity at a sample is van Albada's mean of the slopes before and after it: close to the smaller one, 0 next to a
+    repeated sample, so that the curve does not overshoot at steps and pauses. It rests at both ends.
     """
 
     def __init__(self, times_s: ArrayLike, poses: ArrayLike) -> None:
-        """``times_s`` (N,), not decreasing, begins at 0; ``poses`` (N, 4, 4). Of samples at one time the last counts.
+        """Interpolates samples.
 
-        Raises InputError for other shapes, fewer than two moments, times that go backwards, or what is not finite.
+        Args:
+            times_s: Times (N,) [s], from 0, not decreasing; the last of several samples at one time is used.
+            poses: Poses (N, 4, 4).
+
+        Raises:
+            InputError: Wrong shapes, fewer than two different times, decreasing times, or values that are not finite.
         """
         self._times = np.asarray(times_s, dtype=np.float64)
         self._poses = np.asarray(poses, dtype=np.float64)
@@ -59,7 +65,7 @@ class SampledTrajectory:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Control legs of every interval: three vectors each, for position and for rotation."""
+        """Control vectors of every interval: three each for position and for rotation."""
         steps = np.diff(self._knots)[:, None]
         moves = np.diff(self._positions, axis=0)
         turns = np.array(
@@ -80,16 +86,16 @@ class SampledTrajectory:
         """Time of the last sample, s."""
         return self._knots[-1]
 
-    def samples(self) -> tuple[Sample, ...]:
-        """Every sample as it was given, repeated ones too."""
-        return tuple(Sample(time, pose.copy()) for time, pose in zip(self._times.tolist(), self._poses, strict=True))
+    def samples(self) -> tuple[TimedPose, ...]:
+        """The samples as given, including repeated ones."""
+        return tuple(TimedPose(time, pose.copy()) for time, pose in zip(self._times.tolist(), self._poses, strict=True))
 
     def pose(self, time_s: float) -> Array:
-        """T_sd(t), (4, 4); held at its ends outside 0..duration_s."""
+        """T_sd(t), (4, 4); constant outside 0..duration_s."""
         index = min(max(bisect_right(self._knots, time_s) - 1, 0), len(self._knots) - 2)
         begin, end = self._knots[index], self._knots[index + 1]
         u = min(max((time_s - begin) / (end - begin), 0.0), 1.0)
-        weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
+        weights = (1.0 - (1.0 - u) ** 3, smoothstep(u), u**3)
         pose = np.eye(4)
         pose[:3, 3] = self._positions[index] + weights @ self._legs[index]
         rotation = self._rotations[index]
@@ -100,7 +106,7 @@ class SampledTrajectory:
 
 
 def _velocities(slopes: Array) -> Array:
-    """Velocity at each knot (N+1, 3) from the slopes (N, 3) between them: van Albada's mean, 0 at both ends."""
+    """Velocities at the knots (N+1, 3) from the slopes between them (N, 3): van Albada's mean, 0 at both ends."""
     before, after = slopes[:-1], slopes[1:]
     square_before, square_after = (before**2).sum(1, keepdims=True), (after**2).sum(1, keepdims=True)
     total = square_before + square_after

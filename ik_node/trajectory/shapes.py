@@ -1,6 +1,6 @@
-"""Trajectories made of formulas: rest to rest, with three continuous derivatives in time.
+"""Trajectories from formulas: rest to rest, with three continuous derivatives in time.
 
-Every shape begins exactly at a given start pose, so that an arm that stands there can follow from the first tick on.
+Every shape begins exactly at a given start pose, so that an arm at rest there can follow from the first step on.
 Displacements are along the axes of the base frame {s}; turns are about the axes of the start pose's own frame.
 """
 
@@ -14,37 +14,37 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from ik_node import se3
 from ik_node.errors import InputError
-from ik_node.se3 import Array
-from ik_node.trajectory.motion import Trajectory
+from ik_node.interfaces.motion import Trajectory
+from ik_node.math import se3
+from ik_node.math.types import Array
 
-Curve = Callable[[float], tuple[tuple[float, float, float], tuple[float, float, float]]]
+PhaseCurve = Callable[[float], tuple[tuple[float, float, float], tuple[float, float, float]]]
 """Phase in rad -> displacement in {s} [m], rotation vector in the start pose's frame [rad]; both 0 at phase 0."""
 
 PEAK_SPEED = 35.0 / 16.0
-"""Highest slope of :func:`rest_to_rest`."""
+"""Largest slope of :func:`rest_to_rest`."""
 PEAK_ACCELERATION = 84.0 / 25.0 * math.sqrt(5.0)
-"""Highest second derivative of :func:`rest_to_rest`."""
+"""Largest second derivative of :func:`rest_to_rest`."""
 
 
 def rest_to_rest(u: float) -> float:
     """From 0 to 1 while ``u`` goes from 0 to 1: 35 u^4 - 84 u^5 + 70 u^6 - 20 u^7, the lowest polynomial whose first
-    three derivatives vanish at both ends. Held outside."""
+    three derivatives vanish at both ends. Constant outside."""
     u = min(max(u, 0.0), 1.0)
     return u**4 * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u)))
 
 
 @dataclass(frozen=True)
 class Cruise:
-    """A phase that gathers speed, runs steadily, and slows down again; three continuous derivatives."""
+    """A phase that accelerates, moves at a constant rate and decelerates, with three continuous derivatives."""
 
     total: float
     """Phase at the end, rad."""
     rate: float
-    """Steady phase rate, rad/s."""
+    """Constant phase rate, rad/s."""
     ramp_s: float
-    """Time to gather speed, and to lose it."""
+    """Duration of acceleration and of deceleration."""
 
     def __post_init__(self) -> None:
         for name in ("total", "rate", "ramp_s"):
@@ -54,11 +54,11 @@ class Cruise:
 
     @property
     def duration_s(self) -> float:
-        """Both ramps cover together what one of them would at full rate."""
+        """Total duration; both ramps together cover the phase of one ramp at full rate."""
         return self.total / self.rate + self.ramp_s
 
     def phase(self, time_s: float) -> float:
-        """Phase in rad, from 0 to ``total``; held outside 0..duration_s."""
+        """Phase in rad, from 0 to ``total``; constant outside 0..duration_s."""
         left_s = self.duration_s - time_s
         if time_s <= left_s:
             return self._from_rest(time_s)
@@ -74,11 +74,11 @@ class Cruise:
 
 @dataclass(frozen=True)
 class CurveTrajectory:
-    """A curve over the phase of a :class:`Cruise`, laid at a start pose."""
+    """A curve over the phase of a :class:`Cruise`, relative to a start pose."""
 
     start_pose: Array
     """T_sd at the start, (4, 4)."""
-    curve: Curve
+    curve: PhaseCurve
     timing: Cruise
 
     @property
@@ -87,7 +87,7 @@ class CurveTrajectory:
         return self.timing.duration_s
 
     def pose(self, time_s: float) -> Array:
-        """T_sd(t), (4, 4); held at its ends outside 0..duration_s."""
+        """T_sd(t), (4, 4); constant outside 0..duration_s."""
         displacement, turn = self.curve(self.timing.phase(time_s))
         pose: Array = self.start_pose.copy()
         pose[:3, 3] += displacement
@@ -96,7 +96,7 @@ class CurveTrajectory:
 
 
 @dataclass(frozen=True)
-class Line:
+class StraightLine:
     """A straight line with the shortest turn, by :func:`rest_to_rest`."""
 
     from_pose: Array
@@ -104,10 +104,10 @@ class Line:
     to_pose: Array
     """T_sd at the end, (4, 4)."""
     duration_s: float
-    """Length in seconds; 0 stands at ``to_pose``."""
+    """Length in seconds; 0: at rest at ``to_pose``."""
 
     def pose(self, time_s: float) -> Array:
-        """T_sd(t), (4, 4); held at its ends outside 0..duration_s."""
+        """T_sd(t), (4, 4); constant outside 0..duration_s."""
         if time_s >= self.duration_s:
             return np.array(self.to_pose)
         part = rest_to_rest(time_s / self.duration_s)
@@ -129,7 +129,7 @@ class Sequence:
         return sum(part.duration_s for part in self.parts)
 
     def pose(self, time_s: float) -> Array:
-        """T_sd(t), (4, 4); held at its ends outside 0..duration_s."""
+        """T_sd(t), (4, 4); constant outside 0..duration_s."""
         starts = [0.0, *accumulate(part.duration_s for part in self.parts[:-1])]
         index = max(bisect_right(starts, time_s) - 1, 0)
         return self.parts[index].pose(time_s - starts[index])
@@ -209,15 +209,15 @@ def straight_line(
         math.sqrt(PEAK_ACCELERATION * distance / linear_acceleration),
         math.sqrt(PEAK_ACCELERATION * angle / angular_acceleration),
     )
-    return Line(start, end, duration_s)
+    return StraightLine(start, end, duration_s)
 
 
 def hold(pose: Array, duration_s: float = 5.0) -> Trajectory:
-    """Stands still."""
+    """A constant pose."""
     if not (math.isfinite(duration_s) and duration_s >= 0.0):
         raise InputError(f"duration_s is {duration_s}; expected 0 or more")
     checked = se3.checked_pose(pose)
-    return Line(checked, checked, duration_s)
+    return StraightLine(checked, checked, duration_s)
 
 
 def there_and_back(start_pose: Array, distance: float = 0.2, turn: float = 0.4) -> Trajectory:
@@ -248,10 +248,10 @@ SHAPES: Mapping[str, Callable[[Array], Trajectory]] = {
     "line": there_and_back,
     "hold": hold,
 }
-"""Name -> trajectory from a start pose; what a command line offers. The first is the usual demonstration."""
+"""Name -> trajectory from a start pose, for command lines; the first is the default demonstration."""
 
 
-def _curve(start_pose: Array, curve: Curve, period_s: float, turns: int, ramp_s: float) -> Trajectory:
+def _curve(start_pose: Array, curve: PhaseCurve, period_s: float, turns: int, ramp_s: float) -> Trajectory:
     if turns < 1:
         raise InputError(f"turns is {turns}; expected 1 or more")
     _positive("period_s", period_s)

@@ -1,0 +1,166 @@
+"""Streams over DDS: ``ik_demo`` runs node and simulator as processes; its recording is measured."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks import stream_data
+from benchmarks.stream_data import Stream
+from benchmarks.stream_metrics import TICK_S, ReferenceTrack, Track, counted, smoothness, stream_metrics
+from benchmarks.tracking_rows import NODE, FollowerResult, Requirement
+from benchmarks.tracking_targets import READY, panda, start_of_streams
+from ik_node.errors import IkNodeError
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.step import Mode
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.recording.run import Run
+from ik_node.recording.run_reader import load_run
+from ik_node.report import GROUND_TRUTH_FILE
+from ik_node.report.ground_truth import GroundTruth, Poses, read_ground_truth
+from ik_node.report.tracking import measured_poses
+from ik_node.trajectory.pose_file_format import PoseFileFormat
+from ik_node.trajectory.sampled import SampledTrajectory
+
+RATE_HZ = 30.0
+MADE = "wander"
+"""Name of the generated stream."""
+
+
+class Sent(NamedTuple):
+    """A stream that ik_demo sends."""
+
+    name: str
+    file: Path
+    how: PoseFileFormat
+    rate_hz: float | None
+    """None: the times in the file."""
+
+
+def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[FollowerResult], list[Requirement]]]:
+    """Yield titles, rows and requirements; ``seconds`` of each stream, 0 for all of it."""
+    with tempfile.TemporaryDirectory() as scratch:
+        made = Path(scratch, "wander.csv")
+        write_wander(made)
+        for sent in (Sent(MADE, made, _placed(PoseFileFormat(relative=True)), RATE_HZ), *_real(data)):
+            if name in sent.name:
+                title = f"{sent.name}, over DDS"
+                row, period_s = tracked(sent, Path(scratch, sent.name.replace(" ", "_")), seconds)
+                yield title, [row], _demands(title, row, period_s)
+
+
+def _real(data: Path) -> Iterator[Sent]:
+    missing = stream_data.absent(data)
+    if "task board" not in missing:
+        file = data / stream_data.TASK_BOARD
+        yield Sent("task board", file, stream_data.task_board_format(data), None)
+    for name, place, how in stream_data.RECORDINGS[:4]:
+        if name not in missing:
+            yield Sent(name, data / place, _placed(how), RATE_HZ)
+
+
+def _placed(how: PoseFileFormat) -> PoseFileFormat:
+    """Yield the streams; relative motions start where those of the other parts do."""
+    robot, _ = panda(1.0 / TICK_S)
+    x, y, z = (start_of_streams(robot)[:3, 3] - robot.pose(READY)[:3, 3]).tolist()
+    return dataclasses.replace(how, offset=(x, y, z)) if how.relative else how
+
+
+def write_wander(path: Path) -> None:
+    """Write a dense random walk to a file, from which ik_demo samples."""
+    wander = stream_data.RandomWalk()
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("time", "x", "y", "z", "qx", "qy", "qz", "qw"))
+        for time_s in np.arange(0.0, wander.duration_s, 0.01).tolist():
+            pose = wander.pose(time_s)
+            writer.writerow((time_s, *pose[:3, 3], *se3.quaternion_from_rotation(pose[:3, :3])))
+
+
+def tracked(sent: Sent, out: Path, seconds: float) -> tuple[FollowerResult, float]:
+    """The node's row from a recording made in the folder ``out``, and the sample period in s.
+
+    IkNodeError with what it said when ik_demo does not go to its end.
+    """
+    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--robot", "panda", "--out", str(out)]
+    command += ["--trajectory", str(sent.file), *_arguments(sent.how)]
+    if seconds:
+        command += ["--end", str(seconds)]
+    if sent.rate_hz is not None:
+        command += ["--target-rate", str(sent.rate_hz)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise IkNodeError(f"ik_demo ended with {done.returncode}:\n{done.stdout[-1000:]}{done.stderr[-1000:]}")
+    return measured(load_run(out / "bag"), read_ground_truth(out / GROUND_TRUTH_FILE))
+
+
+def _arguments(how: PoseFileFormat) -> list[str]:
+    given: list[str] = []
+    for field in dataclasses.fields(how):
+        value = getattr(how, field.name)
+        if value != field.default:
+            given += ["--" + field.name.removesuffix("_s").replace("_", "-")]
+            values = value if isinstance(value, tuple) else (value,)
+            given += [] if value is True else [str(entry) for entry in values]
+    return given
+
+
+def measured(run: Run, truth: GroundTruth) -> tuple[FollowerResult, float]:
+    """Return the row of the node on an even grid, and the median period of the targets, s."""
+    begin_ns, duration_s = int(truth.ros_ns[0]), (int(truth.ros_ns[-1]) - int(truth.ros_ns[0])) / NS
+    grid = TICK_S * np.arange(int(duration_s / TICK_S), dtype=np.float64)
+    sent = run.targets.stamp_ns >= begin_ns
+    times_s = (run.targets.stamp_ns[sent] - begin_ns) / NS
+    targets = _matrices(Poses(run.targets.position[sent], run.targets.quaternion_xyzw[sent]))
+    stream = Stream("recorded", times_s, targets, SampledTrajectory(times_s, targets))
+    tool, ros_ns, _ = measured_poses(run)
+    inside = ros_ns >= begin_ns
+    moments_s = (ros_ns[inside] - begin_ns) / NS
+    moved = SampledTrajectory(moments_s - moments_s[0], _matrices(tool)[inside])
+    poses = np.array([moved.pose(time_s) for time_s in (grid - moments_s[0]).tolist()])
+    known = ReferenceTrack(_matrices(truth.at(begin_ns + np.round(grid * NS).astype(np.int64))), counted(stream, grid))
+    linear, angular = stream_metrics(Track(poses, np.zeros((len(grid), 6))), stream, known)
+    commanded = np.isfinite(run.joint_velocity).all(axis=1)
+    even = np.arange(run.times_s[commanded][0], run.times_s[commanded][-1], TICK_S)
+    velocity = [np.interp(even, run.times_s[commanded], joint[commanded]) for joint in run.joint_velocity.T]
+    longest_ms = 1e3 * float(np.diff(run.times_s[commanded]).max())
+    name = f"{NODE}, ticks to {longest_ms:.0f} ms"
+    begin_s = float(run.times_s[np.searchsorted(run.ros_ns, begin_ns)])
+    slowed_s = TICK_S * float(np.count_nonzero(run.scale[commanded] < 1.0))
+    stopped_s = _stopped_s(run, begin_s, begin_s + duration_s)
+    row = FollowerResult(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S), (), slowed_s, stopped_s)
+    return row, float(np.median(np.diff(times_s)))
+
+
+def _stopped_s(run: Run, begin_s: float, end_s: float) -> float:
+    """Return the time without control between two times, s."""
+    times = [min(max(change.time_s, begin_s), end_s) for change in run.status_changes]
+    ends = [*times[1:], end_s]
+    at_work = (Mode.TRACKING, Mode.HOLDING)
+    modes = [change.status.mode for change in run.status_changes]
+    return sum(end - time for time, end, mode in zip(times, ends, modes, strict=True) if mode not in at_work)
+
+
+def _matrices(poses: Poses) -> Array:
+    """(m, 4, 4)."""
+    result = np.repeat(np.eye(4)[None], len(poses.position), axis=0)
+    result[:, :3, 3] = poses.position
+    result[:, :3, :3] = [se3.rotation_from_quaternion(quaternion) for quaternion in poses.quaternion]
+    return result
+
+
+def _demands(of: str, row: FollowerResult, period_s: float) -> list[Requirement]:
+    """Return the requirements that need no baseline in the same run."""
+    return [
+        Requirement(of, "position lag, ms", row.linear.lag_ms, max(30.0, 1e3 * period_s)),
+        Requirement(of, "rotation lag, ms", row.angular.lag_ms, 1.5e3 * period_s),
+    ]

@@ -1,8 +1,0 @@
-"""The type of all arrays of numbers."""
-
-from __future__ import annotations
-
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]

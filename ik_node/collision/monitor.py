@@ -1,0 +1,141 @@
+"""Collision monitor: the collision geometry of one arm and the obstacles around it, queried at each control step."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from ik_node.collision import geometry as collision_geometry
+from ik_node.collision import pair_selection
+from ik_node.collision.avoidance import AvoidanceTerms, avoidance_terms
+from ik_node.collision.distances import DistanceQuery
+from ik_node.collision.scene import Scene, obstacle, read_scene, shape
+from ik_node.errors import CollisionUnavailableError, InputError
+from ik_node.interfaces.clock import Instant, to_monotonic
+from ik_node.interfaces.samples import ObstacleSample
+from ik_node.math.types import Array
+from ik_node.robot.frames import Frames
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import ObstacleSettings
+
+
+class CollisionMonitor:
+    """Distances, velocity dampers and repulsive potential of one arm in a scene that may change."""
+
+    def __init__(self, robot: Robot, settings: ObstacleSettings) -> None:
+        """Builds the collision geometry. When that fails, :attr:`unavailable` holds the reason.
+
+        Args:
+            robot: The robot.
+            settings: Geometry, link pairs, ranges, and the path of an initial scene.
+
+        Raises:
+            SceneError: The scene file cannot be used.
+            UnknownNameError: A pair in the settings names a link that does not exist.
+        """
+        self._settings = settings
+        self._distances: DistanceQuery | None = None
+        self.unavailable = ""
+        """Why no distances are computed; empty when they are."""
+        self.scene = Scene()
+        """The obstacles."""
+        if settings.geometry == "none":
+            self.unavailable = "obstacles.geometry is none"
+        else:
+            try:
+                geometry = collision_geometry.load(
+                    robot,
+                    settings.geometry,
+                    settings.package_path,
+                    settings.srdf,
+                    settings.ignored_pairs,
+                    settings.watched_pairs,
+                    settings.self_collision,
+                )
+                self._distances = DistanceQuery(geometry)
+            except CollisionUnavailableError as error:
+                self.unavailable = str(error)
+        if settings.scene:
+            at_zero = np.zeros(robot.n)
+            self.scene = read_scene(settings.scene, lambda frame: robot.frame_pose(at_zero, frame))
+
+    @property
+    def digest(self) -> str:
+        """Hash of the collision solids and watched pairs; :attr:`unavailable` when there are none."""
+        if self._distances is None:
+            return self.unavailable
+        geometry = self._distances.geometry
+        digest = hashlib.sha256(repr(geometry.watched()).encode())
+        for link in geometry.links:
+            digest.update(f"{link.name} {type(link.solid).__name__}".encode())
+            digest.update(link.points.tobytes() + link.placement.homogeneous.tobytes())
+        return digest.hexdigest()[:16]
+
+    @property
+    def pairs(self) -> str:
+        """Text: number of watched link pairs, and the reasons for which others are not watched."""
+        if self._distances is None:
+            return f"no distances are computed: {self.unavailable}"
+        return pair_selection.summary(self._distances.geometry.pairs)
+
+    def configure(self, settings: ObstacleSettings) -> None:
+        """Applies changed settings; read-only settings keep their values."""
+        self._settings = settings
+
+    def update_obstacles(
+        self, samples: tuple[ObstacleSample, ...], frames: Frames, now: Instant, max_age_ns: int
+    ) -> str:
+        """Adds, changes and deletes obstacles.
+
+        Args:
+            samples: Obstacles of one message.
+            frames: Frames in which their poses may be expressed.
+            now: Time of arrival.
+            max_age_ns: A stamp older than this is not trusted; the time of arrival is used instead.
+
+        Returns:
+            The errors of samples that cannot be used, with their names; empty when all samples were used.
+        """
+        errors = []
+        for sample in samples:
+            try:
+                self._update_obstacle(sample, frames, now, max_age_ns)
+            except InputError as error:
+                errors.append(f"{sample.name}: {error}")
+        return "; ".join(errors)
+
+    def _update_obstacle(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
+        if sample.action == "delete_all":
+            self.scene = Scene()
+        elif sample.action == "delete":
+            self.scene = self.scene.remove(sample.name)
+        elif sample.action == "add":
+            stamped = to_monotonic(sample.stamp_ns, now, max_age_ns)
+            expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
+            solid = shape(sample.kind, sample.size, sample.name)
+            pose_s = frames.pose_of(sample, "obstacle")
+            self.scene = self.scene.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
+        else:
+            raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
+
+    def update(
+        self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool
+    ) -> AvoidanceTerms | None:
+        """Removes expired obstacles and computes the avoidance terms.
+
+        Args:
+            q: Joint positions, (n,), rad (m).
+            qd: Present joint velocities, (n,), rad/s (m/s).
+            change: Largest difference of the next velocities from ``qd``, (n,), rad/s (m/s).
+            hold_s: Longest time for which a command is held, s.
+            time_ns: Monotonic time, ns.
+            repel: False for no repulsive potential.
+
+        Returns:
+            The terms, see :func:`ik_node.collision.avoidance.avoidance_terms`; None when :attr:`unavailable`.
+        """
+        if self._distances is None:
+            return None
+        self.scene = self.scene.at(time_ns)
+        return avoidance_terms(self._distances, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)

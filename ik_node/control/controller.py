@@ -1,0 +1,379 @@
+"""The controller: calls with inputs and times in, Steps out.
+
+Every call carries its time, and no clock is read, so the same calls in the same order give the same bits: on the robot,
+in simulation and in a replay.
+
+What stops the arm, and how:
+
+================================================  =============================================================
+cause                                             response
+================================================  =============================================================
+the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
+pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
+no subscriber on the command topic                the same ramp; continues with the next subscriber
+joint states too slow, or not followed            the same ramp; continues when the cause is gone
+joint states stale or not finite                  zero velocity at once; continues from the measured position
+an exception or a non-finite result               zero velocity at once; stays stopped until reset
+================================================  =============================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from ik_node.collision.monitor import CollisionMonitor
+from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
+from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
+from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
+from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
+from ik_node.control.status import StatusSnapshot
+from ik_node.control.step_timer import StepTimer, TimerSnapshot
+from ik_node.control.steps import closed_loop_step
+from ik_node.control.velocity_controller import ControlOutput, VelocityController
+from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
+from ik_node.interfaces.clock import NS, Instant, to_monotonic
+from ik_node.interfaces.samples import (
+    JointSample,
+    ObstacleSample,
+    PathSample,
+    PoseSample,
+    TrajectorySample,
+    TwistSample,
+)
+from ik_node.interfaces.snapshot import capture, restore
+from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
+from ik_node.math.types import Array
+from ik_node.robot.frames import Frames, FramesSnapshot
+from ik_node.robot.joint_limits import motion_limits
+from ik_node.robot.robot import Robot
+from ik_node.robot.srdf import with_srdf_text
+from ik_node.settings.groups import Settings
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, twist_frame
+
+MAX_TARGET_AHEAD_S = 0.5
+"""Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
+NO_SUBSCRIBER = Status(Level.WARN, Mode.STOPPED, "no subscriber on the command topic")
+
+
+class Controller:
+    """Velocity controller of one arm, driven by joint states. Not thread-safe.
+
+    All methods ``on_...`` take an input with ``now``, its time of arrival. Those of targets raise TargetRefused when
+    the target cannot be used; the previous target then stays in command.
+    """
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        """Creates the components.
+
+        Args:
+            robot: The arm.
+            settings: All settings.
+
+        Raises:
+            SettingsError: A list of limits does not match the number of joints, or an SRDF cannot be read.
+            SceneError: The scene file cannot be used.
+            UnknownNameError: ``obstacles`` names a link that does not exist.
+        """
+        settings = with_srdf_text(settings)
+        self.robot = robot
+        self.settings = settings
+        self.targets_refused = 0
+        """Number of refused targets."""
+        self.states_refused = 0
+        """Number of refused joint states."""
+        self._velocity_controller = VelocityController(robot, settings)
+        self._joint_states = JointStateMerger(robot.joints, settings.state)
+        self._targets = TargetArbiter(settings, robot)
+        self._frames = Frames(robot)
+        self._state_machine = StateMachine()
+        self._status = self._state_machine.reporter
+        self._timer = StepTimer(settings.control.rate_hz)
+        self._following_error = FollowingErrorMonitor(robot, settings.follow)
+        self._tick = 0
+        self._state: JointState | None = None
+        self._last_step_ns = 0
+        self._retry_ns = 0
+        self._subscribers = 1
+        self._keep_targets = False
+
+    @property
+    def status(self) -> Status:
+        """Mode and reason."""
+        return self._status.status
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the last command was zero and no further one follows without a new input."""
+        return not self._state_machine.moving
+
+    @property
+    def collision_monitor(self) -> CollisionMonitor:
+        """Collision geometry and obstacles."""
+        return self._velocity_controller.solver.collision_monitor
+
+    # --- inputs ------------------------------------------------------------------------------------------------------
+
+    def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
+        """Adds a joint state and makes a control step if one is due.
+
+        Returns:
+            The Step with the command; None without a control step. A joint state that is refused stops the arm.
+        """
+        try:
+            state = self._joint_states.add(sample, now)
+        except StateRefused as error:
+            self.states_refused += 1
+            return self._stop(now, Level.ERROR, f"joint state refused: {error}")
+        if state is None or not self._timer.is_due(state.time_ns):
+            return None
+        try:
+            return self._on_state(state, now)
+        except Exception as error:  # any exception must stop the arm, with its reason in the status
+            reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
+            return self._fault(now, reason)
+
+    def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
+        """Adds a pose of the target stream."""
+        with self._refusals():
+            pose_sd = self._frames.pose_of(sample, "target")
+        max_age_ns, max_ahead_ns = round(MAX_STAMP_AGE_S * NS), round(MAX_TARGET_AHEAD_S * NS)
+        stamped = to_monotonic(sample.stamp_ns, now, max_age_ns, max_ahead_ns)
+        condition = "target stamps disagree with this clock; the time of arrival is used"
+        self._status.set_condition(condition, stamped.skew_ns != 0, now)
+        if self._state_machine.closed_loop:
+            self._targets.on_pose(pose_sd, stamped)
+
+    def on_target_path(self, sample: PathSample, now: Instant) -> None:
+        """Starts to follow a path; TargetRefused names the invalid pose."""
+        with self._refusals():
+            self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
+
+    def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
+        """Starts to follow a trajectory of poses and twists; TargetRefused names the invalid point."""
+        with self._refusals():
+            self._ready()
+            self._targets.on_trajectory(sample, self._frames.pose, now)
+
+    def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
+        """Jogs the tool with a twist."""
+        with self._refusals():
+            self._ready()
+            frame = twist_frame(self.robot, self._frames, sample.frame_id)
+            self._targets.on_twist(sample, frame, now)
+
+    def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
+        """Adds, changes and deletes obstacles; raises SceneError naming those that cannot be used."""
+        max_age_ns = round(MAX_STAMP_AGE_S * NS)
+        errors = self.collision_monitor.update_obstacles(samples, self._frames, now, max_age_ns)
+        self._status.note("obstacles", f"obstacle refused: {errors}" if errors else "")
+        if errors:
+            raise SceneError(errors)
+
+    def on_transform(self, transform: str, now: Instant) -> None:
+        """Sets the pose of a frame outside the robot model, see :func:`ik_node.robot.frames.transform_text`."""
+        del now
+        with self._refusals():
+            self._frames.set_transform(transform)
+
+    def on_publishers(self, conflict: str, now: Instant) -> None:
+        """Sets the text that names the target topics with several publishers; empty for none."""
+        del now
+        self._status.note("publishers", conflict)
+
+    def on_listeners(self, count: int, now: Instant) -> None:
+        """Sets the number of subscribers of the command topic. With no subscriber the arm is stopped."""
+        self._subscribers = count
+        if count == 0 and self._state_machine.closed_loop:
+            self._keep_targets = True
+            self._ramp_down(now, NO_SUBSCRIBER)
+
+    def on_clock(self, now: Instant) -> Step | None:
+        """Stops the arm when joint states are stale, and continues a ramp without them; to be called every 10 ms.
+
+        Returns:
+            The Step with the command; None when there is none.
+        """
+        overdue = now.monotonic_ns - self._last_step_ns >= 2.0 * self._timer.period_s * NS
+        if self._state_machine.ramp is not None and overdue:
+            return self._bare_step(now, self._state_machine.ramp_velocity(now))
+        if self._state_machine.closed_loop and self._joint_states.is_stale(now):
+            return self._stop(now, Level.ERROR, f"no joint state for {self._joint_states.timeout_s:g} s")
+        if self.status.mode is Mode.WAITING and self._joint_states.missing():
+            missing = ", ".join(self._joint_states.missing())
+            self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
+        return None
+
+    # --- requests ----------------------------------------------------------------------------------------------------
+
+    def pause(self, now: Instant, reason: str = "paused by request") -> None:
+        """Ramps to zero and stays stopped until :meth:`resume`. A fault stays a fault."""
+        if self.status.mode is not Mode.FAULT:
+            self._keep_targets = False
+            self._ramp_down(now, Status(Level.OK, Mode.PAUSED, reason))
+
+    def resume(self) -> None:
+        """Ends a pause; the arm holds the measured position. Has no effect when not paused."""
+        self._state_machine.resume()
+
+    def reset(self) -> None:
+        """Ends a fault or a pause; the arm holds the measured position."""
+        self._status.note("target")
+        self._status.note("obstacles")
+        self._state_machine.reset()
+
+    def check(self, settings: Settings) -> None:
+        """Raises SettingsError when settings do not match the robot; changes nothing."""
+        motion_limits(self.robot, settings.limits, settings.control.rate_hz)
+
+    def apply(self, settings: Settings) -> None:
+        """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""
+        self._velocity_controller.configure(settings)
+        self.settings = settings
+        self._joint_states.configure(settings.state)
+        self._targets.configure(settings)
+        self._following_error.configure(settings.follow)
+
+    # --- snapshot ----------------------------------------------------------------------------------------------------
+
+    def capture(self) -> ControllerSnapshot:
+        """Complete internal state, for :meth:`restore`."""
+        return ControllerSnapshot(
+            capture(self, CycleSnapshot),
+            capture(self._timer, TimerSnapshot),
+            capture(self._state_machine, StateMachineSnapshot),
+            capture(self._status, StatusSnapshot),
+            capture(self._joint_states, JointStateSnapshot),
+            capture(self._frames, FramesSnapshot),
+            self._targets.capture(),
+            self._following_error.capture(),
+            self._velocity_controller.capture(),
+            self.collision_monitor.scene,
+        )
+
+    def restore(self, snapshot: ControllerSnapshot) -> None:
+        """Continues, bit for bit, from the snapshot of a controller with the same robot and settings."""
+        restore(self, snapshot.cycle)
+        self._frames.position = None if self._state is None else self._state.position
+        restore(self._timer, snapshot.timer)
+        restore(self._state_machine, snapshot.state_machine)
+        restore(self._status, snapshot.status)
+        restore(self._joint_states, snapshot.joint_states)
+        restore(self._frames, snapshot.frames)
+        self._targets.restore(snapshot.targets)
+        self._following_error.restore(snapshot.following_error)
+        self._velocity_controller.restore(snapshot.velocity_controller)
+        self.collision_monitor.scene = snapshot.scene
+
+    # --- one control step --------------------------------------------------------------------------------------------
+
+    def _on_state(self, state: JointState, now: Instant) -> Step | None:
+        if self._state is not None:
+            self._timer.add_interval((state.time_ns - self._state.time_ns) / NS)
+        self._state = state
+        self._frames.position = state.position
+        self._last_step_ns = now.monotonic_ns
+        if self._state_machine.ramp is not None:
+            return self._bare_step(now, self._state_machine.ramp_velocity(now))
+        return self._track(state, now) if self._may_move(state, now) else None
+
+    def _may_move(self, state: JointState, now: Instant) -> bool:
+        """True when the control law may compute a command. Starts it at the measured position, or starts a ramp."""
+        if self._state_machine.latched:
+            return False
+        stop = self._stop_status(state, now)
+        if stop is not None:
+            self._keep_targets = self._keep_targets or self._state_machine.closed_loop
+            self._ramp_down(now, stop)
+            return False
+        if not self._state_machine.closed_loop:
+            if now.monotonic_ns < self._retry_ns:
+                return False
+            self._following_error.reset()
+            self._velocity_controller.start(state.time_ns, now.monotonic_ns - self._timer.period_ns)
+            start_targets = self._targets.rest_at if self._keep_targets else self._targets.start
+            start_targets(self.robot.pose(state.position), state.time_ns)
+            self._keep_targets = False
+        return True
+
+    def _stop_status(self, state: JointState, now: Instant) -> Status | None:
+        """Status when the arm must stop; None when it may move."""
+        too_slow = self._timer.too_slow
+        if too_slow:
+            return Status(Level.ERROR, Mode.STOPPED, too_slow)
+        if self._subscribers == 0:
+            return NO_SUBSCRIBER
+        if self._state_machine.closed_loop and self.settings.follow.enabled:
+            reason = self._following_error.update(state.time_ns, state.position, self._velocity_controller.velocity)
+            if reason:
+                self._retry_ns = now.monotonic_ns + round(RETRY_S * NS)
+                return Status(Level.WARN, Mode.STOPPED, reason)
+        return None
+
+    def _track(self, state: JointState, now: Instant) -> Step:
+        pose_sb, interval_s = self.robot.pose(state.position), self._timer.interval_s
+        motion = self._targets.advance(state.time_ns, interval_s, self._velocity_controller.task_scale, pose_sb)
+        output = self._velocity_controller.compute(state, pose_sb, motion, interval_s, now)
+        self._report(now, output)
+        self._tick += 1
+        return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)
+
+    def _report(self, now: Instant, output: ControlOutput) -> None:
+        conditions = self._velocity_controller.conditions(output)
+        if self._joint_states.skew_ns != 0:
+            conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
+        conditions.extend(self._targets.warnings)
+        self._status.set_conditions(conditions, now)
+        ended = self._targets.ended
+        mode = Mode.HOLDING if ended else Mode.TRACKING
+        self._status.set(Status(Level.OK, mode, self._targets.reason_when(ended)))
+
+    def _ready(self) -> JointState:
+        """Last joint state while the control law is active; raises TargetRefused otherwise."""
+        if self._state is None or not self._state_machine.closed_loop:
+            raise TargetRefused(f"the arm is {self.status.mode.value}: {self.status.reason}")
+        return self._state
+
+    @contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """Counts errors of a target, adds them to the status, and raises them as TargetRefused."""
+        try:
+            yield
+        except (InputError, UnknownNameError) as error:
+            self.targets_refused += 1
+            self._status.note("target", f"target refused: {error}")
+            raise TargetRefused(str(error)) from error
+        self._status.note("target")
+
+    # --- stopping ----------------------------------------------------------------------------------------------------
+
+    def _ramp_down(self, now: Instant, idle_status: Status) -> None:
+        acceleration = self._velocity_controller.solver.limits.acceleration
+        self._state_machine.ramp_down(self._velocity_controller.velocity, acceleration, now, idle_status)
+
+    def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
+        """Commands zero at once; the next valid state starts again, unless paused or in a fault."""
+        was_moving = self._state_machine.moving
+        self._state_machine.stop(level, reason)
+        self._keep_targets = False
+        self._state = self._frames.position = None
+        self._timer.reset_interval()
+        return self._bare_step(now, np.zeros(self.robot.n)) if was_moving else None
+
+    def _fault(self, now: Instant, reason: str) -> Step:
+        self._state_machine.fault(reason)
+        return self._bare_step(now, np.zeros(self.robot.n))
+
+    def _bare_step(self, now: Instant, velocity: Array) -> Step:
+        """Step that commands ``velocity`` (n,) without a control law."""
+        self._velocity_controller.command(velocity, now.monotonic_ns)
+        self._last_step_ns = now.monotonic_ns
+        self._tick += 1
+        state = self._state
+        if state is None:
+            position, pose_sb, time_ns = np.full(self.robot.n, np.nan), np.full((4, 4), np.nan), now.monotonic_ns
+        else:
+            position, pose_sb, time_ns = state.position, self.robot.pose(state.position), state.time_ns
+        return bare_step(self._tick - 1, now, time_ns, position, pose_sb, velocity, self.status)

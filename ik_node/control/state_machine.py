@@ -1,0 +1,113 @@
+"""Which mode the controller is in, and how the arm comes to rest."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.control.ramp import Ramp, ramp_to_zero
+from ik_node.control.status import CLOSED_LOOP, StatusReporter
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.step import Level, Mode, Status
+from ik_node.math.types import Array
+
+MOVING = (*CLOSED_LOOP, Mode.RAMPING)
+"""Modes in which the last command may not be zero."""
+LATCHED = (Mode.PAUSED, Mode.FAULT)
+"""Modes that end only on request."""
+
+
+class StateMachineSnapshot(NamedTuple):
+    """Attributes of a :class:`StateMachine`, without those of its reporter."""
+
+    ramp: Ramp | None
+    idle_status: Status
+
+
+class StateMachine:
+    """Modes of the controller and the transitions between them.
+
+    ``idle_status`` is the status after the arm has come to rest. It is kept during the ramp to zero and determines what
+    the next joint state may do: nothing when paused or in a fault, start again when stopped or waiting.
+    """
+
+    def __init__(self) -> None:
+        self.idle_status = Status(Level.OK, Mode.WAITING, "waiting for the first joint state")
+        self.reporter = StatusReporter(self.idle_status)
+        self.ramp: Ramp | None = None
+
+    @property
+    def mode(self) -> Mode:
+        """Present mode."""
+        return self.reporter.status.mode
+
+    @property
+    def moving(self) -> bool:
+        """True when the last command may not be zero."""
+        return self.mode in MOVING
+
+    @property
+    def closed_loop(self) -> bool:
+        """True while the control law computes the commands."""
+        return self.mode in CLOSED_LOOP
+
+    @property
+    def latched(self) -> bool:
+        """True when only :meth:`resume` or :meth:`reset` ends this state."""
+        return self.idle_status.mode in LATCHED
+
+    def ramp_down(self, velocity: Array, acceleration: Array, now: Instant, idle_status: Status) -> None:
+        """Starts a ramp to zero, or changes to the idle status at once when the velocity is zero.
+
+        Args:
+            velocity: Present command, (n,), rad/s (m/s).
+            acceleration: Limits, (n,), rad/s2 (m/s2).
+            now: Present time.
+            idle_status: Status at the end of the ramp.
+        """
+        self.idle_status = idle_status
+        if velocity.any():
+            if self.ramp is None:
+                self.ramp = ramp_to_zero(velocity, acceleration, now.monotonic_ns)
+            self.reporter.set(Status(idle_status.level, Mode.RAMPING, idle_status.reason))
+        else:
+            self.reporter.set(idle_status)
+
+    def ramp_velocity(self, now: Instant) -> Array:
+        """Joint velocity of the ramp at the present time, (n,), rad/s (m/s); (0,) when there is no ramp."""
+        if self.ramp is None:
+            return np.zeros(0)
+        velocity = self.ramp.at(now.monotonic_ns)
+        if self.ramp.finished(now.monotonic_ns):
+            self.ramp = None
+            self.reporter.set(self.idle_status)
+        return velocity
+
+    def stop(self, level: Level, reason: str) -> None:
+        """Stops at once, without a ramp; a latched state stays latched."""
+        self.ramp = None
+        if not self.latched:
+            self.idle_status = Status(level, Mode.STOPPED, reason)
+        self.reporter.set(self.idle_status)
+
+    def fault(self, reason: str) -> None:
+        """Stops at once, without a ramp, until :meth:`reset`."""
+        self.ramp = None
+        self.idle_status = Status(Level.ERROR, Mode.FAULT, f"{reason}; stopped until reset")
+        self.reporter.set(self.idle_status)
+
+    def resume(self) -> None:
+        """Ends a pause; a ramp that has started is completed first."""
+        if self.idle_status.mode is Mode.PAUSED:
+            self._wait("waiting for a joint state")
+
+    def reset(self) -> None:
+        """Ends a pause or a fault."""
+        if self.latched:
+            self._wait("reset; waiting for a joint state")
+
+    def _wait(self, reason: str) -> None:
+        self.idle_status = Status(Level.OK, Mode.WAITING, reason)
+        if self.ramp is None:
+            self.reporter.set(self.idle_status)

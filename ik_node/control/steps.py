@@ -1,0 +1,63 @@
+"""Assembly of the Step of a control step from the results of the components."""
+
+from __future__ import annotations
+
+from ik_node.control.joint_states import JointState
+from ik_node.control.velocity_controller import ControlOutput
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.motion import Motion
+from ik_node.interfaces.step import Status, Step
+from ik_node.math.types import Array
+from ik_node.targets.arbiter import TargetArbiter
+
+
+def closed_loop_step(
+    tick: int,
+    now: Instant,
+    state: JointState,
+    pose_sb: Array,
+    motion: Motion,
+    output: ControlOutput,
+    targets: TargetArbiter,
+    status: Status,
+) -> Step:
+    """Assembles the Step of a command that the control law has computed.
+
+    Args:
+        tick: Number of the control step.
+        now: Present time.
+        state: Measured joint state.
+        pose_sb: Pose of the tool at ``state.position``, (4, 4).
+        motion: Desired motion.
+        output: Command and intermediate results.
+        targets: For the progress on a path.
+        status: Status of the controller.
+
+    Returns:
+        The Step.
+    """
+    desired, solution, _ = output
+    return Step(
+        tick=tick,
+        now=now,
+        state_time_ns=state.time_ns,
+        joint_position=state.position,
+        joint_velocity=solution.joint_velocity,
+        pose_sb=pose_sb,
+        pose_sd=motion.pose_sd,
+        error_b=desired.error_b,
+        feedforward_b=desired.feedforward_b,
+        twist_b=desired.twist_b,
+        truncated_b=solution.truncated_b,
+        scale=solution.task_scale,
+        multiplier_task=solution.multiplier_task,
+        multiplier_potential=solution.multiplier_potential,
+        singular_values=solution.singular_values,
+        binding=solution.binding,
+        progress=targets.progress,
+        path_distance=targets.distance_m,
+        clearance=solution.closest.distance,
+        closest_points=solution.closest.points_s,
+        closest_pair=solution.closest.names,
+        status=status,
+    )

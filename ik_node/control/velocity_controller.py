@@ -1,0 +1,203 @@
+"""Velocity controller: the joint velocity command from a measured state and a desired motion.
+
+It composes the feedback law (task space or joint space), integral action, the Smith predictor and the differential
+inverse kinematics within the limits.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot, twist_feedback
+from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
+from ik_node.control.joint_states import JointState
+from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
+from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
+from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.motion import Motion
+from ik_node.interfaces.snapshot import capture, restore
+from ik_node.jit import compiled
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import Settings
+
+MAX_GAIN_WITH_LAG = 100.0
+"""Largest ik_difference_gain [1/s] that was stable in simulation with 20 ms of lag and one sample of delay."""
+
+
+class ControlOutput(NamedTuple):
+    """Result of one control step."""
+
+    desired: DesiredTwist
+    """Error at the measured position, and the twists of the feedback law."""
+    solution: DifferentialIkSolution
+    """Solution of the differential inverse kinematics; contains the command."""
+    elapsed_s: float
+    """Time since the previous command, s."""
+
+
+class CommandSnapshot(NamedTuple):
+    """Attributes of a :class:`VelocityController`, without those of its components."""
+
+    velocity: Array
+    """Last command, (n,), rad/s (m/s)."""
+    commanded_ns: int
+    """Monotonic time of the last command."""
+    task_scale: float
+    """s of the last control step."""
+    truncated: bool
+    """True when a component of the last twist was truncated near a singularity."""
+
+
+class VelocityControllerSnapshot(NamedTuple):
+    """Complete internal state of a :class:`VelocityController`."""
+
+    command: CommandSnapshot
+    ik_difference: IkDifferenceSnapshot
+    integral: IntegralSnapshot
+    smith_predictor: SmithPredictorSnapshot
+    solver: SolverSnapshot
+
+
+class VelocityController:
+    """Control law, predictor and differential inverse kinematics of one arm."""
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        """Creates the components.
+
+        Raises:
+            SettingsError: A list of limits does not match the number of joints.
+            SceneError: The scene file cannot be used.
+            UnknownNameError: ``obstacles`` names a link that does not exist.
+        """
+        self._robot = robot
+        self._control = settings.control
+        self.solver = DifferentialIkSolver(robot, settings)
+        self._ik = IkDifference(robot)
+        self._integral = IntegralAction()
+        self._smith_predictor = SmithPredictor(robot.n, settings.control)
+        self.velocity = np.zeros(robot.n)
+        self.commanded_ns = 0
+        self.task_scale = 1.0
+        self.truncated = False
+
+    def configure(self, settings: Settings) -> None:
+        """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
+        self.solver.configure(settings)
+        self._control = settings.control
+        self._smith_predictor.configure(settings.control)
+
+    def capture(self) -> VelocityControllerSnapshot:
+        """Snapshot for :meth:`restore`."""
+        return VelocityControllerSnapshot(
+            capture(self, CommandSnapshot),
+            capture(self._ik, IkDifferenceSnapshot),
+            capture(self._integral, IntegralSnapshot),
+            capture(self._smith_predictor, SmithPredictorSnapshot),
+            self.solver.capture(),
+        )
+
+    def restore(self, snapshot: VelocityControllerSnapshot) -> None:
+        """Continues, bit for bit, from a snapshot."""
+        restore(self, snapshot.command)
+        restore(self._ik, snapshot.ik_difference)
+        restore(self._integral, snapshot.integral)
+        restore(self._smith_predictor, snapshot.smith_predictor)
+        self.solver.restore(snapshot.solver)
+
+    def start(self, time_ns: int, commanded_ns: int) -> None:
+        """Resets all components for an arm at rest.
+
+        Args:
+            time_ns: Monotonic time of the measurement.
+            commanded_ns: Monotonic time from which the command of zero is assumed.
+        """
+        self.commanded_ns = commanded_ns
+        self._smith_predictor.reset(time_ns)
+        self._ik.solution = None
+        self._integral.reset()
+        self.solver.reset()
+        self.task_scale, self.truncated = 1.0, False
+
+    def command(self, velocity: Array, time_ns: int) -> None:
+        """Records a command (n,), rad/s (m/s), given at a monotonic time, from this or another source."""
+        self.velocity, self.commanded_ns = velocity, time_ns
+        self._smith_predictor.command(velocity, time_ns)
+
+    def compute(
+        self, state: JointState, pose_sb: Array, motion: Motion, interval_s: float, now: Instant
+    ) -> ControlOutput:
+        """Computes the command of one control step, and records it as given.
+
+        Args:
+            state: Measured joint state.
+            pose_sb: Pose of the tool at ``state.position``, (4, 4).
+            motion: Desired motion.
+            interval_s: Expected time until the next command, s.
+            now: Present time.
+
+        Returns:
+            The command with the intermediate results.
+
+        Raises:
+            InputError: No finite solution exists.
+        """
+        control = self._control
+        desired = twist_feedback(pose_sb, motion, control)
+        position = state.position
+        if self._smith_predictor.total_delay_s > 0.0:
+            # Predicted position of the arm, and the target extrapolated by the same time.
+            position = position + self._smith_predictor.predicted_offset(state.time_ns)
+            predicted = self._smith_predictor.target(motion, interval_s)
+            at_prediction = twist_feedback(self._robot.pose(position), predicted, control)
+            desired = at_prediction._replace(error_b=desired.error_b)
+        # Jacobian and feed-forward are evaluated at the middle of the interval in which the command is held.
+        to_middle_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
+        elapsed_s = (now.monotonic_ns - self.commanded_ns) / NS
+        q_middle = extrapolated(position, self.velocity, to_middle_s)
+        arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
+        if control.control_law == "ik_difference":
+            velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
+            solution = self.solver.solve_velocity(arm, velocity)
+        else:
+            self._ik.solution = None
+            if not self._integral.idle(control):
+                frozen = self.task_scale < 1.0 or self.truncated
+                integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
+                desired = desired._replace(twist_b=desired.twist_b + integral)
+            solution = self.solver.solve_twist(arm, desired.twist_b)
+        self.command(solution.joint_velocity, now.monotonic_ns)
+        self.task_scale = solution.task_scale
+        self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
+        return ControlOutput(desired, solution, elapsed_s)
+
+    def conditions(self, output: ControlOutput) -> list[str]:
+        """Conditions of a control step for the status text."""
+        solution, control, solver = output.solution, self._control, self.solver
+        found = []
+        if self.truncated:
+            found.append("near a singularity: a component of the twist is truncated")
+        if solution.singularity_scale < 0.99:
+            found.append("slowed down near a singularity")
+        if solution.task_scale < solution.singularity_scale:
+            found.append("slowed down by joint limits")
+        if solution.relaxed:
+            found.append("a joint limit was relaxed")
+        if output.elapsed_s > solver.limits.dt_max_s:
+            found.append("a command was held for longer than hold_periods")
+        if not self._ik.converged:
+            found.append("inverse kinematics found no solution near the last one")
+        if solver.without_effect:
+            found.append(solver.without_effect)
+        if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:
+            found.append("ik_difference_gain is stable only for an arm without lag")
+        return found
+
+
+@compiled
+def extrapolated(q: Array, qd: Array, time_s: float) -> Array:
+    """Joint positions after ``time_s`` at constant velocity: q + time_s qd, (n,)."""
+    return q + time_s * qd

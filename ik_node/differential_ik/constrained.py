@@ -1,0 +1,289 @@
+"""Differential inverse kinematics under limits: the problem of ``closed_form`` with bounds on qd and velocity dampers.
+
+::
+
+    minimise    1/2 qd' W qd + k grad_h' qd
+    subject to  J qd = J qd_0 + (s - s_0) V_f ,      s in [s_0, 1] as large as possible
+                lo <= qd <= hi                       velocity, position and acceleration limits of this control step
+                N qd >= c                            velocity dampers, if there are any
+
+qd_0 is the point inside box and dampers that is nearest to the ray of joint velocities that move the tool along V_f:
+the one of least ||J qd - s V_f||, s in [0, 1]. If the box contains zero, qd_0 = 0, s_0 = 0, and the constraint is
+J qd = s V_f. If it does not (a moving arm cannot stop within one control step), the tool still moves along V_f, but
+slower, if the box permits it, and otherwise along the nearest direction. (With the point nearest to zero velocity as
+qd_0, all joints decelerate equally at each control step, and a tool that a limit slows down leaves its path, by 12
+degrees in a test.)
+
+If no constraint binds, the solution is that of :func:`ik_node.differential_ik.closed_form.resolve`. Otherwise the
+singular value decomposition of J turns the equality into qd = qd_0 + (s - s_0) p + Z' z, with Z a basis of the null
+space of J (rows), and there are two stages:
+
+1. s: a linear program in (s, z);
+2. z at that s: a quadratic program in the null space.
+
+Null spaces of dimension 0 and 1 are solved exactly (:mod:`ik_node.differential_ik.exact_program`), larger ones by DAQP
+(:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
+is shortened towards qd_0 until it fits.
+
+When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the dampers. The box is
+never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik import quadratic_program
+from ik_node.differential_ik.closed_form import IDENTITY, ClosedFormSolution, resolve
+from ik_node.differential_ik.exact_program import (
+    BINDING,
+    DAMPER_BINDING,
+    ROUNDING,
+    ProgramSolution,
+    TaskLine,
+    cost_along,
+    feasible_at_base,
+    program_along,
+    smallest_ratio,
+    solve_exactly,
+    task_line,
+    unit_rows,
+)
+from ik_node.errors import InputError
+from ik_node.math.pseudoinverse import Decomposition, decompose
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import JointBounds, cause
+
+Flags = NDArray[np.bool_]
+
+
+class ConstrainedSolution(NamedTuple):
+    """The optimum under limits, and the constraints that are active or relaxed."""
+
+    joint_velocity: Array
+    """qd, (n,), rad/s (m/s): exactly within the box."""
+    task_scale: float
+    """s: the fraction of V_f that is executed."""
+    base_velocity: Array
+    """qd_0, (n,)."""
+    base_scale: float
+    """s_0."""
+    attained: Array
+    """J qd, (m,)."""
+    at_lower: Flags
+    """Joints at the lower end of the box, (n,); all False if no constraint binds."""
+    at_upper: Flags
+    """Joints at the upper end of the box, (n,); all False if no constraint binds."""
+    damper_active: Flags
+    """Dampers that bind, (k,)."""
+    damper_slack: Array
+    """By how much each damper was relaxed, (k,), m/s; 0 nearly always."""
+    fallback: bool
+    """True if the solver's answer failed its check and the closed form was shortened."""
+    unconstrained: ClosedFormSolution
+    """The closed form without box and dampers: singular values, rank, multiplier, the gain that was used."""
+
+    @property
+    def binds(self) -> bool:
+        """True if a limit or a damper changed the solution."""
+        return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
+
+    def binding(
+        self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None
+    ) -> tuple[str, ...]:
+        """Names of the active constraints, such as ``velocity panda_joint4`` or ``damper panda_link7 - post``."""
+        names = () if dampers is None else dampers.names
+        return binding_names(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
+
+
+def binding_names(
+    at_lower: Flags,
+    at_upper: Flags,
+    damper_active: Flags,
+    bounds: JointBounds,
+    joints: tuple[str, ...],
+    dampers: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Names of the active constraints: ``velocity``, ``acceleration`` or ``position`` and a joint, ``damper`` and a
+    pair.
+
+    For a joint whose box is a single point the limit of the lower end is named.
+    """
+    sides = enumerate(zip(at_lower.tolist(), at_upper.tolist(), strict=True))
+    names = [f"{cause(bounds, joint, not low)} {joints[joint]}" for joint, (low, high) in sides if low or high]
+    names += [f"damper {name}" for name, active in zip(dampers, damper_active.tolist(), strict=False) if active]
+    return tuple(names)
+
+
+def solve(
+    jacobian: Array,
+    twist: Array,
+    lo: Array,
+    hi: Array,
+    weight: Array | None = None,
+    gradient: Array | None = None,
+    gain: float = 0.0,
+    *,
+    row_scale: Array | None = None,
+    null_space_cap: Array | None = None,
+    dampers: VelocityDampers | None = None,
+    unconstrained: ClosedFormSolution | None = None,
+    svd: Decomposition | None = None,
+) -> ConstrainedSolution:
+    """Joint velocities for a twist under limits: the optimum of the module's problem.
+
+    Args:
+        jacobian: J, (m, n).
+        twist: V_f, (m,), in the frame of J, m/s and rad/s; projected onto the range of J if it is not in it.
+        lo: Lower bounds of the joint velocities, (n,), rad/s (m/s); may be -inf.
+        hi: Upper bounds, (n,), hi >= lo; may be inf.
+        weight: W, (n, n), symmetric positive definite; None is the identity.
+        gradient: grad_h, (n,), N m (N); None is zero.
+        gain: k, s; lowered until the null-space velocity is within ``null_space_cap``.
+        row_scale: Factors of the rows of J, (m,), > 0, as in :func:`ik_node.differential_ik.closed_form.resolve`.
+        null_space_cap: Largest null-space velocity of each joint, (n,), > 0, rad/s (m/s).
+        dampers: Velocity dampers.
+        unconstrained: The closed form, if it is known already.
+        svd: Decomposition of J with its rows times ``row_scale``, if it is known already.
+
+    Returns:
+        The solution. The arrays passed in are not checked.
+
+    Raises:
+        InputError: ``lo`` exceeds ``hi``, or the input is so far from finite that there is no solution.
+    """
+    if not (lo <= hi).all():
+        raise InputError(f"the box of joint velocities is empty: {lo.tolist()} to {hi.tolist()}")
+    scale = np.ones(len(jacobian)) if row_scale is None else row_scale
+    if svd is None:
+        svd = decompose(scale[:, None] * jacobian, "jacobian")
+    if unconstrained is None:
+        unconstrained = resolve(
+            jacobian,
+            twist,
+            weight,
+            gradient,
+            gain,
+            row_scale=scale,
+            null_space_cap=null_space_cap,
+            checked=True,
+            svd=svd,
+        )
+    if is_feasible(unconstrained.joint_velocity, lo, hi, dampers):
+        return _inactive(unconstrained, jacobian, lo, dampers)
+    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
+
+
+def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> bool:
+    """True if ``velocity`` (n,) is within the box and obeys the dampers."""
+    if not ((velocity >= lo).all() and (velocity <= hi).all()):
+        return False
+    return dampers is None or bool((dampers.rows @ velocity >= dampers.least).all())
+
+
+def _inactive(
+    unconstrained: ClosedFormSolution, jacobian: Array, lo: Array, dampers: VelocityDampers | None
+) -> ConstrainedSolution:
+    """The closed form as a solution in which no constraint binds."""
+    inactive = np.zeros(len(lo), dtype=bool)
+    count = 0 if dampers is None else len(dampers.least)
+    return ConstrainedSolution(
+        unconstrained.joint_velocity,
+        1.0,
+        np.zeros(len(lo)),
+        0.0,
+        jacobian @ unconstrained.joint_velocity,
+        inactive,
+        inactive,
+        np.zeros(count, dtype=bool),
+        np.zeros(count),
+        False,
+        unconstrained,
+    )
+
+
+def _solve_active(
+    unconstrained: ClosedFormSolution,
+    svd: Decomposition,
+    jacobian: Array,
+    twist: Array,
+    lo: Array,
+    hi: Array,
+    weight: Array | None,
+    gradient: Array | None,
+    row_scale: Array,
+    dampers: VelocityDampers | None,
+) -> ConstrainedSolution:
+    """:func:`solve` for a closed form that violates a constraint."""
+    n = len(lo)
+    base, slack = np.minimum(np.maximum(0.0, lo), hi), np.zeros(0)
+    rows, least = np.zeros((0, n)), np.zeros(0)
+    if dampers is not None and len(dampers.least):
+        base, slack = quadratic_program.nearest_to_rest(base, lo, hi, dampers.rows, dampers.least)
+        rows, least = unit_rows(dampers.rows, dampers.least - slack)
+
+    scaled_twist = row_scale * twist
+    line = task_line(svd, scaled_twist, float(np.abs(twist).max()))
+    mass = IDENTITY if weight is None else weight
+    pull = np.zeros(n) if gradient is None else unconstrained.gain * gradient
+    free = unconstrained.joint_velocity
+    solve_program = solve_exactly if len(line.null) <= 1 else _solve_by_daqp
+    base_scale = np.nan if base.any() else 0.0
+    solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+    if np.isnan(solution.scale):
+        scaled = row_scale[:, None] * jacobian
+        base, base_scale = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
+        solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+    qd = np.minimum(np.maximum(solution.joint_velocity, lo), hi)
+    if not np.isfinite(qd).all():
+        raise InputError("the constrained problem contains numbers that are not finite")
+    return ConstrainedSolution(
+        qd,
+        solution.scale,
+        solution.base_velocity,
+        solution.base_scale,
+        jacobian @ qd,
+        qd <= lo + BINDING,
+        qd >= hi - BINDING,
+        rows @ qd <= least + DAMPER_BINDING,
+        slack,
+        solution.fallback,
+        unconstrained,
+    )
+
+
+def _solve_by_daqp(
+    line: TaskLine,
+    lo: Array,
+    hi: Array,
+    rows: Array,
+    least: Array,
+    base: Array,
+    base_scale: float,
+    weight: Array,
+    pull: Array,
+    free: Array,
+) -> ProgramSolution:
+    """:func:`ik_node.differential_ik.exact_program.solve_exactly` for a null space of any dimension."""
+    if np.isnan(base_scale):
+        program = program_along(line.ray, line.null, np.zeros(len(lo)), lo, hi, rows, least, ROUNDING)
+        entry = quadratic_program.smallest_scale(program)
+        if entry is None:
+            return ProgramSolution(free, np.nan, base, np.nan, False)
+        base_scale = entry[0]
+        base = np.minimum(np.maximum(base_scale * line.ray + entry[1] @ line.null, lo), hi)
+    direction = (1.0 - base_scale) * line.ray
+    program = feasible_at_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
+    optimum = quadratic_program.largest_scale(program, cost_along(line.null, weight, base, direction, pull))
+    if optimum is None:
+        whole = program_along(free - base, line.null, base, lo, hi, rows, least, BINDING)
+        ratio = smallest_ratio(whole.alpha, program.beta, BINDING)
+        qd = base + ratio * (free - base)
+    else:
+        ratio, z = optimum
+        qd = base + ratio * direction + z @ line.null
+    return ProgramSolution(qd, base_scale + ratio * (1.0 - base_scale), base, base_scale, optimum is None)

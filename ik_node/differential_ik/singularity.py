@@ -1,0 +1,289 @@
+"""Regulation near singularities: which part of a twist is executed, and at which scale.
+
+With D J = U S Y' (rows scaled by D, so that rotations are comparable with translations) the twist V requires the rate
+alpha_i = u_i' D V / sigma_i along y_i. If sigma_i is small, the joints cannot reach that rate. There are two remedies:
+scaling V down costs time, truncating the direction costs accuracy. Each is wrong in some cases. Scaling down never ends
+if the pose is out of reach; truncation bends paths that the arm could follow. The cases differ in how sigma changes
+when the arm moves on:
+
+wrist-like     Motion along y turns u: the critical direction moves away while the arm waits, as the angle of polar
+               coordinates turns by pi when a path passes close to their origin. Scaling down succeeds, in the time that
+               this turn takes.
+boundary-like  Motion along y changes sigma itself: at a stretched elbow sigma vanishes within sigma / |h| rad, with
+               h = d sigma / d alpha. Towards the boundary waiting gains nothing: the rate is reduced to zero as that of
+               a joint near its limit, and the rest of the twist continues. Away from it the arm is soon free.
+near miss      Passing at less than ``tolerance`` is not worth half a turn of the wrist: the direction is truncated, and
+               the error stays below about that length.
+
+Therefore every direction has a retention in 0..1: 1 retains the direction of V and scales V down, 0 continues at full
+speed with the rate clipped to what is feasible. It is the product of smoothsteps of
+
+* sigma* relative to the tolerance, where sigma* = sigma |w| / hypot(w, d sigma / dt) is the smallest sigma on the way
+  if the arm continues straight on. An intermediate decision would cost both time and accuracy; so this one is taken
+  before the arm slows down, kept while it does (unless sigma* turns out three times larger or smaller), and executed
+  within ``TRANSITION_S``;
+* sigma / |h|, only towards a boundary; away from a boundary it is 1;
+* the time lost so far: after ``timeout_s`` the direction is truncated whatever the reason of the delay was, for
+  instance a joint limit in the way of the turn.
+
+The singularity scale is the largest factor <= 1 on V at which the rates are within the joints' speeds and the *change*
+of the joint velocities along the path is within their accelerations: qd_e(q) = J^-1 V changes by
+scale^2 (d qd_e/dq) qd_e. This slows the arm down early enough; the limits of one control step would act too late and
+bend the path during braking.
+
+A boundary has two branches (an elbow bent either way), and at the boundary itself a small motion changes them. The
+branch that the arm came from is tracked (:mod:`ik_node.differential_ik.singularity_branch`): an arm on the other branch
+that is to return first crosses the boundary, which hardly moves the tool, and then goes back the way it came.
+
+For sigma below ``tolerance`` the rate is w / max(sigma, tolerance / 2 ...): bounded, and not zero at an exactly
+singular start, so that the arm gets away; it continues to turn in the present direction.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.differential_ik.singular_directions import (
+    DirectionAnalysis,
+    JacobianAt,
+    JacobianNeighbourhood,
+    acceleration_scale,
+    analyse,
+    clip_rate,
+    continuing_rate,
+)
+from ik_node.differential_ik.singularity_branch import Branch, track_branch
+from ik_node.math.numerics import smoothstep, smoothstep_ratio
+from ik_node.math.pseudoinverse import Decomposition, decompose
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import JointBounds, MotionLimits
+from ik_node.settings.groups import SingularitySettings
+
+TRUNCATION_S = 0.5
+"""Duration of the transition to truncation after the timeout."""
+
+MAX_EXTRA_DELAY_S = 1.0
+"""Delay counted beyond timeout and transition; this long after the singularity the timeout is available again."""
+
+REST_FRACTION = 0.02
+"""If all joints move at less than this fraction of their speeds the arm is stuck; its delay counts five times."""
+
+MIN_SIGMA = 1e-6
+"""Singular values are raised to this one, m, so that the regulated task is never singular."""
+
+TRANSITION_S = 0.1
+"""Duration of the transition between retaining a direction and truncating it."""
+
+MAX_ALONGSIDE_S = 0.2
+"""Maximum time spent beside a singularity while passing it."""
+
+FADE_RATIO = 0.4
+"""Ratio of sigma to its threshold below which a direction that is passed straight fades out."""
+
+HYSTERESIS = 3.0
+"""Factor by which sigma* has to change, once the arm slows down, to change the decision."""
+
+
+class SingularityState(NamedTuple):
+    """State from one control step to the next; :data:`START` at first."""
+
+    delay_s: float
+    """Time lost so far, s."""
+    decision: str
+    """``free``: no decision is needed; ``keep``: scale V down; ``pass``: pass straight and truncate."""
+    retention: float
+    """Progress of the decision: 1 scales down, 0 truncates."""
+    alongside_s: float
+    """For how long the arm has been passing straight without getting past, s."""
+    branch: Branch | None = None
+    """The branch that the arm came from; None away from singularities."""
+
+
+START = SingularityState(0.0, "free", 1.0, 0.0)
+
+
+class RegulatedTask(NamedTuple):
+    """The task that replaces J qd = V."""
+
+    jacobian: Array
+    """J with singular values raised to ``MIN_SIGMA``; J itself away from singularities."""
+    twist: Array
+    """V_f times ``singularity_scale``, (6,)."""
+    truncated: Array
+    """The part of V that is truncated, (6,); zero if V is only scaled down."""
+    singularity_scale: float
+    """Factor on V, in (0, 1]."""
+    retention: float
+    """Smallest retention of a direction: 1 retained, 0 truncated."""
+    singular_values: Array
+    """Of D J, descending, m."""
+    svd: Decomposition | None
+    """Decomposition of D times ``jacobian``; None if that is not J itself."""
+    state: SingularityState
+    """Argument of the next call."""
+
+
+def regulate_singularities(
+    jacobian_at: JacobianAt,
+    q: Array,
+    jacobian: Array,
+    twist: Array,
+    previous: Array,
+    bounds: JointBounds,
+    limits: MotionLimits,
+    row_scale: Array,
+    settings: SingularitySettings,
+    state: SingularityState,
+    elapsed_s: float,
+    scale_before: float = 1.0,
+) -> RegulatedTask:
+    """The part of V that is executed in this control step, and its scale; see the module.
+
+    Args:
+        jacobian_at: J (m, n) of joint positions near q.
+        q: Joint positions, (n,), rad (m).
+        jacobian: J at q, (m, n).
+        twist: V, (m,), in the frame of J.
+        previous: The present command, (n,), rad/s (m/s).
+        bounds: Limits of this control step.
+        limits: Limits of the joints.
+        row_scale: D, (m,).
+        settings: Threshold, tolerance and timeout.
+        state: ``state`` of the last result.
+        elapsed_s: For how long the present command has been held, s.
+        scale_before: Scale s that the limits permitted in the last control step.
+    """
+    svd = decompose(row_scale[:, None] * jacobian, "jacobian")
+    size = len(svd.sigma)
+    u, sigma, rows = svd.u, svd.sigma, svd.vt[:size]
+    if sigma[-1] >= settings.threshold:
+        free = SingularityState(max(0.0, state.delay_s - elapsed_s), "free", 1.0, 0.0)
+        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, svd, free)
+    near = JacobianNeighbourhood(
+        jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance
+    )
+    branch = track_branch(state.branch, u[:, -1], rows[-1], float(sigma[-1]) / settings.threshold)
+    in_time = 1.0 - smoothstep((state.delay_s - settings.timeout_s) / TRUNCATION_S)
+    wanted = near.rates(sigma, near.along)
+    if state.retention == 1.0 and state.delay_s <= settings.timeout_s and near.needs_no_regulation(wanted, limits):
+        delay_s = _delay(state.delay_s, scale_before, elapsed_s, previous, limits)
+        free = SingularityState(delay_s, "free", 1.0, 0.0, branch)
+        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, svd, free)
+    critical = np.flatnonzero(sigma < settings.threshold).tolist()
+    crossed = branch is not None and branch.crossed
+    for index in critical[:-1] if crossed else critical:
+        wanted[index] = continuing_rate(near, index, wanted[index], previous, bounds)
+    rest = wanted.copy()
+    rest[critical] = 0.0
+    motion = rest @ rows
+    jacobian_rate = near.derivative(motion)
+    analyses = [analyse(near, index, wanted[index], jacobian_rate, limits) for index in critical]
+    speed_scales = [
+        min(1.0, analysis.max_rate / max(abs(wanted[index]), 1e-30))
+        for index, analysis in zip(critical, analyses, strict=True)
+    ]
+    turn_scale = acceleration_scale(near, wanted, limits)
+    after = _decide(
+        state,
+        analyses[-1].min_sigma,
+        float(sigma[-1]),
+        settings.tolerance,
+        min(turn_scale, *speed_scales),
+        elapsed_s,
+        scale_before,
+    )
+
+    turns_back = crossed and analyses[-1].leaves_boundary and analyses[-1].boundary_distance < 0.5
+    if turns_back:
+        # From the other branch the way out leads back through the boundary.
+        wanted[-1] = -wanted[-1]
+    retention, clipped, scale = np.ones(size), wanted.copy(), 1.0
+    for index, analysis, speed_scale in zip(critical, analyses, speed_scales, strict=True):
+        distance = analysis.boundary_distance
+        if analysis.leaves_boundary:
+            # At the boundary itself the other directions need not wait until the arm has turned round.
+            away = smoothstep(float(sigma[index]) / settings.tolerance - 1.0)
+            retention[index] = in_time * max(after.retention, 1.0 - distance) * (distance + (1.0 - distance) * away)
+        else:
+            retention[index] = in_time * after.retention * distance
+        if turns_back and index == size - 1:
+            retention[index] = 0.0
+        max_rate = _max_rate(
+            analysis, float(sigma[index]), float(near.along[index]), after.retention, settings.threshold
+        )
+        clipped[index] = clip_rate(near, index, wanted[index], max_rate, motion, previous, bounds)
+        scale = min(scale, speed_scale ** retention[index])
+    # At less than the tolerance the derivatives are meaningless.
+    turn_exponent = float(retention[critical].max() * smoothstep(sigma[-1] / settings.tolerance - 1.0))
+    scale = min(scale, turn_scale**turn_exponent)
+    # Fades in below the threshold, so that there is no step at the threshold.
+    scale = 1.0 - (1.0 - scale) * smoothstep((settings.threshold - sigma[-1]) / (0.3 * settings.threshold))
+    rates = scale * wanted
+    # Completely clipped below a retention of 1/2: any remainder of a blocked direction would block everything.
+    retained = np.maximum(2.0 * retention[critical] - 1.0, 0.0)
+    rates[critical] = retained * rates[critical] + (1.0 - retained) * clipped[critical]
+    raised = np.maximum(sigma, MIN_SIGMA)
+    regular = jacobian if sigma[-1] >= MIN_SIGMA else ((u * raised) @ rows) / row_scale[:, None]
+    executed = np.minimum(np.abs(rates), scale * np.abs(wanted)) * np.sign(rates) * sigma / max(scale, 1e-9)
+    max_delay_s = settings.timeout_s + TRUNCATION_S + MAX_EXTRA_DELAY_S
+    delay_s = min(_delay(state.delay_s, scale * scale_before, elapsed_s, previous, limits), max_delay_s)
+    return RegulatedTask(
+        regular,
+        (u @ (raised * rates)) / row_scale,
+        (u @ np.where((retention < 1.0) | (sigma < settings.tolerance), near.along - executed, 0.0)) / row_scale,
+        scale,
+        float(retention[critical].min()),
+        sigma,
+        svd if regular is jacobian else None,
+        after._replace(delay_s=delay_s, branch=branch),
+    )
+
+
+def _max_rate(analysis: DirectionAnalysis, sigma: float, along: float, retention: float, threshold: float) -> float:
+    """Highest rate of a direction; it fades out with sigma when the arm passes straight, so that the arm hardly turns.
+
+    Half a turn would be worse than a whole one or none.
+    """
+    ratio = sigma / (FADE_RATIO * threshold)
+    if ratio >= 1.0:
+        return analysis.max_rate
+    faded = abs(along) * min(1.0, smoothstep_ratio(ratio)) / (FADE_RATIO * threshold)
+    return retention * analysis.max_rate + (1.0 - retention) * min(analysis.max_rate, faded)
+
+
+def _decide(
+    state: SingularityState,
+    min_sigma: float,
+    sigma: float,
+    tolerance: float,
+    scale: float,
+    elapsed_s: float,
+    scale_before: float,
+) -> SingularityState:
+    """Decides whether to pass the singularity straight, and advances the transition."""
+    decision, alongside_s = state.decision, 0.0
+    if scale > (0.99 if decision == "free" else 0.995):
+        decision = "free"
+    elif decision == "pass":
+        if min_sigma > HYSTERESIS * tolerance:
+            decision = "keep"
+        elif min_sigma > 0.9 * sigma or scale_before < 0.5:
+            alongside_s = state.alongside_s + elapsed_s
+            decision = "pass" if alongside_s < MAX_ALONGSIDE_S else "keep"
+    else:
+        # Only an arm that is still approaching can pass straight; at the singularity it has to turn.
+        limit = tolerance if decision == "free" else tolerance / HYSTERESIS
+        decision = "pass" if min_sigma < min(limit, 0.5 * sigma) else "keep"
+    change = elapsed_s / TRANSITION_S
+    retention = max(0.0, state.retention - change) if decision == "pass" else min(1.0, state.retention + change)
+    return SingularityState(state.delay_s, decision, retention, alongside_s)
+
+
+def _delay(delay_s: float, scale: float, elapsed_s: float, previous: Array, limits: MotionLimits) -> float:
+    """Time lost so far, s."""
+    if scale > 0.9:
+        return max(0.0, delay_s - elapsed_s)
+    at_rest = bool((np.abs(previous) < REST_FRACTION * limits.velocity).all())
+    return delay_s + elapsed_s * (1.0 - scale) * (5.0 if at_rest else 1.0)

@@ -1,0 +1,53 @@
+"""Input and output of :class:`ik_node.differential_ik.solver.DifferentialIkSolver`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.collision.distances import ClosestPair
+from ik_node.math.types import Array
+
+NO_TRUNCATION = np.zeros(6)
+"""V - V_f if nothing is truncated; shared, must not be modified."""
+
+
+class ArmState(NamedTuple):
+    """State of the arm at one control step."""
+
+    q: Array
+    """Measured joint positions, (n,), rad (m)."""
+    q_middle: Array
+    """Predicted joint positions in the middle of the interval in which the next command is held, (n,), rad (m)."""
+    previous: Array
+    """The present command, (n,), rad/s (m/s)."""
+    elapsed_s: float
+    """For how long it has been held, s."""
+    time_ns: int
+    """Monotonic time, ns."""
+
+
+class DifferentialIkSolution(NamedTuple):
+    """The command and what limits and singularities changed. Twists and wrenches (6,) in {b}, linear part first."""
+
+    joint_velocity: Array
+    """(n,), rad/s (m/s), finite and within the velocity limits."""
+    task_scale: float
+    """Fraction of V_f that is executed: ``singularity_scale`` times the scale s of the limits."""
+    singularity_scale: float
+    """Factor in (0, 1] by which V is scaled to pass a singularity on the path."""
+    truncated_b: Array
+    """V - V_f: the part of V that is truncated near a singularity."""
+    multiplier_task: Array
+    """First term of the multiplier lambda."""
+    multiplier_potential: Array
+    """Second term of the multiplier lambda."""
+    singular_values: Array
+    """Of J_b with angular rows times the characteristic length, descending, m."""
+    binding: tuple[str, ...]
+    """Names of limits and dampers that bind."""
+    relaxed: tuple[str, ...]
+    """Names of limits and dampers that are relaxed because stronger ones contradict them."""
+    closest: ClosestPair
+    """The closest pair of links, or of link and obstacle."""

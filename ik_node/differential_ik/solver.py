@@ -1,0 +1,363 @@
+"""The differential inverse kinematics of one control step: from a desired twist to the commanded joint velocity."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.collision.avoidance import AvoidanceTerms
+from ik_node.collision.distances import ClosestPair
+from ik_node.collision.monitor import CollisionMonitor
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik import constrained
+from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, ClosedFormSolution, resolve
+from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
+from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
+from ik_node.differential_ik.manipulability import manipulability_potential
+from ik_node.differential_ik.methods import METHODS
+from ik_node.differential_ik.posture import secondary_gradient
+from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
+from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
+from ik_node.errors import InputError
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits, relaxed
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import Settings
+
+NO_PAIR = ClosestPair(float("nan"), (), np.full((2, 3), np.nan))
+"""The closest pair if no distances are computed."""
+
+OTHER_SPEED_FRACTION = 0.3
+"""Fraction of ``null_space_speed`` that methods which do not avoid obstacles may use."""
+
+MULTIPLIER_FADE_M = 0.02
+"""Singular value below which the published multiplier fades out with its direction; the exact one is unbounded."""
+
+ESCAPE_N = 100.0
+"""Force of the potential that leads an arm out of a singularity along its null space."""
+
+MIN_SLACK = 1e-9
+"""Slack from which a damper counts as relaxed, m/s."""
+
+
+class SolverSnapshot(NamedTuple):
+    """State of the solver from one control step to the next."""
+
+    singularity: SingularityState
+    task_scale: float
+    """s of the limits."""
+    stalled_s: float
+    """For how long a limit has been blocking the arm, s."""
+
+
+INITIAL = SolverSnapshot(START, 1.0, 0.0)
+
+
+class DifferentialIkSolver:
+    """Computes joint velocities within all limits, for one robot and one method."""
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        """Builds the collision monitor and :meth:`configure` s the solver.
+
+        Raises:
+            SettingsError: The limits do not fit the robot.
+            SceneError: The scene file cannot be used.
+            UnknownNameError: A configured pair names a link that does not exist.
+        """
+        self._robot = robot
+        self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
+        self._snapshot = INITIAL
+        self._no_rows, self._no_limits = np.zeros((0, robot.n)), np.zeros(0)
+        self.configure(settings)
+
+    def configure(self, settings: Settings) -> None:
+        """Replaces the settings.
+
+        Raises:
+            SettingsError: The limits do not fit the robot; nothing has changed then.
+        """
+        self.limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
+        self.collision_monitor.configure(settings.obstacles)
+        self._control = settings.control
+        self._obstacles = settings.obstacles
+        self._singularity = settings.singularity
+        self._method = METHODS[settings.control.method]
+        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
+        fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
+        self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
+        self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
+        self._per_joint = stacked_limits(self.limits, self._null_space_cap)
+
+    def capture(self) -> SolverSnapshot:
+        """The state, for :meth:`restore`."""
+        return self._snapshot
+
+    def restore(self, snapshot: SolverSnapshot) -> None:
+        """Sets the state; the following solutions are those of the captured solver, bit for bit."""
+        self._snapshot = snapshot
+
+    def reset(self) -> None:
+        """Forgets the last control steps."""
+        self._snapshot = INITIAL
+
+    @property
+    def without_effect(self) -> str:
+        """Reason why the gradient of the method has no effect; empty if it has."""
+        if self._method.avoids_obstacles:
+            name = self._control.method
+            if self.collision_monitor.unavailable:
+                return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
+            if self._robot.n <= 6:
+                return f"{name} has no effect: an arm of six joints has no null space"
+        return ""
+
+    def solve_twist(self, state: ArmState, twist_b: Array) -> DifferentialIkSolution:
+        """Joint velocity for a twist of the tool.
+
+        Args:
+            state: State of the arm.
+            twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
+
+        Raises:
+            InputError: There is no finite solution.
+        """
+        terms = self._avoidance_terms(state, self._method.avoids_obstacles)
+        jacobian = self._jacobian(state.q_middle)
+        weight, gradient = self._cost(state, terms)
+        gain = 0.0 if gradient is None else self._control.gradient_gain
+        fast = self._solve_fast(state, jacobian, twist_b, weight, gradient, gain, terms)
+        if fast is not None:
+            return fast
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        task = regulate_singularities(
+            self._jacobian,
+            state.q_middle,
+            jacobian,
+            twist_b,
+            state.previous,
+            bounds,
+            self.limits,
+            self._row_scale,
+            self._singularity,
+            self._snapshot.singularity,
+            state.elapsed_s,
+            self._snapshot.task_scale,
+        )
+        if task.retention < 1.0 and task.state.branch is None and self._robot.n > 6:
+            # The null space leads the arm away from the singularity that it started in.
+            force = (1.0 - task.retention) * ESCAPE_N
+            away = manipulability_potential(self._jacobian, state.q_middle, self._row_scale, force).gradient
+            gradient = away if gradient is None else gradient + away
+            gain = self._control.gradient_gain
+        closed = resolve(
+            task.jacobian,
+            task.twist,
+            weight,
+            gradient,
+            gain,
+            row_scale=self._row_scale,
+            null_space_cap=self._null_space_cap,
+            checked=True,
+            svd=task.svd,
+        )
+        dampers = None if terms is None else terms.dampers
+        limited = None
+        if not constrained.is_feasible(closed.joint_velocity, bounds.lo, bounds.hi, dampers):
+            limited = constrained.solve(
+                task.jacobian,
+                task.twist,
+                bounds.lo,
+                bounds.hi,
+                weight,
+                gradient,
+                gain,
+                row_scale=self._row_scale,
+                null_space_cap=self._null_space_cap,
+                dampers=dampers,
+                unconstrained=closed,
+                svd=task.svd,
+            )
+        if task.singular_values[-1] < MULTIPLIER_FADE_M:
+            faded = resolve(
+                jacobian,
+                twist_b,
+                weight,
+                gradient,
+                gain,
+                threshold=MULTIPLIER_FADE_M,
+                row_scale=self._row_scale,
+                checked=True,
+            )
+            closed = closed._replace(
+                multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
+            )
+        scale = 1.0 if limited is None else limited.task_scale
+        stalled_s = self._stalled_time(twist_b, task.singularity_scale * scale, state.elapsed_s)
+        self._snapshot = SolverSnapshot(task.state, scale, stalled_s)
+        if limited is not None and stalled_s > TIMEOUT_S:
+            velocity = release_direction(
+                limited.joint_velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s
+            )
+            limited = limited._replace(joint_velocity=velocity)
+            task = task._replace(truncated=twist_b - jacobian @ velocity)
+        return self._solution(closed, limited, bounds, terms, task)
+
+    def solve_velocity(self, state: ArmState, velocity: Array) -> DifferentialIkSolution:
+        """The largest multiple of a joint velocity, up to 1, that limits and dampers permit.
+
+        The multipliers of the solution are NaN: no method selects the joint velocity.
+
+        Args:
+            state: State of the arm.
+            velocity: (n,), rad/s (m/s).
+
+        Raises:
+            InputError: There is no finite solution.
+        """
+        terms = self._avoidance_terms(state, False)
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        dampers = None if terms is None else terms.dampers
+        limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
+        jacobian = self._jacobian(state.q_middle) * self._row_scale[:, None]
+        unknown = np.full(6, np.nan)
+        return DifferentialIkSolution(
+            _within_velocity_limits(limited.joint_velocity, bounds),
+            limited.task_scale,
+            1.0,
+            np.zeros(6),
+            unknown,
+            unknown,
+            np.linalg.svd(jacobian, compute_uv=False),
+            limited.binding(bounds, self._robot.joints, dampers),
+            self._relaxed(bounds, limited, dampers),
+            NO_PAIR if terms is None else terms.closest,
+        )
+
+    def _solve_fast(
+        self,
+        state: ArmState,
+        jacobian: Array,
+        twist: Array,
+        weight: Array | None,
+        gradient: Array | None,
+        gain: float,
+        terms: AvoidanceTerms | None,
+    ) -> DifferentialIkSolution | None:
+        """The solution of the fast path; None if it does not apply or a limit has blocked the arm for too long."""
+        rows, least = (self._no_rows, self._no_limits) if terms is None else terms.dampers[:2]
+        fast = solve_fast(
+            jacobian,
+            twist,
+            self._row_scale,
+            self._fast_threshold,
+            IDENTITY if weight is None else weight,
+            NO_GRADIENT if gradient is None else gradient,
+            gain,
+            self._per_joint,
+            self.limits.dt_max_s,
+            self.limits.recovery_speed,
+            state.q,
+            state.previous,
+            state.elapsed_s,
+            rows,
+            least,
+        )
+        if not fast.valid:
+            return None
+        before, stalled_s = self._snapshot, 0.0
+        if fast.task_scale < 1.0 or before.stalled_s > 0.0:
+            stalled_s = self._stalled_time(twist, fast.task_scale, state.elapsed_s)
+            if stalled_s > TIMEOUT_S:
+                return None
+        singularity = before.singularity
+        if singularity is not START:
+            delay_s = max(0.0, singularity.delay_s - state.elapsed_s)
+            singularity = START._replace(delay_s=delay_s) if delay_s > 0.0 else START
+        self._snapshot = SolverSnapshot(singularity, fast.task_scale, stalled_s)
+        return DifferentialIkSolution(
+            fast.joint_velocity,
+            fast.task_scale,
+            1.0,
+            NO_TRUNCATION,
+            fast.multiplier_task,
+            fast.multiplier_potential,
+            fast.singular_values,
+            self._binding(fast, state, terms) if len(fast.sides) else (),
+            (),
+            NO_PAIR if terms is None else terms.closest,
+        )
+
+    def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
+        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        n, sides = self._robot.n, fast.sides
+        dampers = () if terms is None else terms.dampers.names
+        lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
+        return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
+
+    def _jacobian(self, q: Array) -> Array:
+        return self._robot.evaluate(q).jacobian_b
+
+    def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
+        limits = self.limits
+        change = largest_change(limits.acceleration, state.elapsed_s, limits.dt_max_s)
+        return self.collision_monitor.update(state.q, state.previous, change, limits.dt_max_s, state.time_ns, repel)
+
+    def _cost(self, state: ArmState, terms: AvoidanceTerms | None) -> tuple[Array | None, Array | None]:
+        """Weight of the method, and its gradient plus the secondary gradients."""
+        repulsion = None if terms is None else terms.potential.gradient
+        weight, gradient = self._method.cost(self._robot, state.q_middle, repulsion)
+        secondary = secondary_gradient(self._robot, state.q, self._obstacles)
+        if secondary is not None:
+            gradient = secondary if gradient is None else gradient + secondary
+        return weight, gradient
+
+    def _stalled_time(self, twist: Array, task_scale: float, elapsed_s: float) -> float:
+        return stalled_time(self._snapshot.stalled_s, task_scale, float(np.abs(twist).max()), elapsed_s)
+
+    def _solution(
+        self,
+        closed: ClosedFormSolution,
+        limited: ConstrainedSolution | None,
+        bounds: JointBounds,
+        terms: AvoidanceTerms | None,
+        task: RegulatedTask,
+    ) -> DifferentialIkSolution:
+        dampers = None if terms is None else terms.dampers
+        return DifferentialIkSolution(
+            _within_velocity_limits(closed.joint_velocity if limited is None else limited.joint_velocity, bounds),
+            task.singularity_scale * (1.0 if limited is None else limited.task_scale),
+            task.singularity_scale,
+            task.truncated,
+            closed.multiplier_task,
+            closed.multiplier_potential,
+            task.singular_values,
+            () if limited is None else limited.binding(bounds, self._robot.joints, dampers),
+            self._relaxed(bounds, limited, dampers),
+            NO_PAIR if terms is None else terms.closest,
+        )
+
+    def _relaxed(
+        self, bounds: JointBounds, limited: ConstrainedSolution | None, dampers: VelocityDampers | None
+    ) -> tuple[str, ...]:
+        names = relaxed(bounds, self._robot.joints)
+        if limited is None or dampers is None:
+            return names
+        indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
+        return (*names, *(f"damper {dampers.names[index]}" for index in indices))
+
+
+def _within_velocity_limits(velocity: Array, bounds: JointBounds) -> Array:
+    """The last check: ``velocity`` (n,) is finite, and clipped to the velocity limits.
+
+    Raises:
+        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
+            the arm has to stop.
+    """
+    if not np.isfinite(velocity).all():
+        raise InputError(f"the computed joint velocity is not finite: {velocity}")
+    clipped = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
+    if np.abs(clipped - velocity).max() > ROUNDING:
+        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
+    return clipped

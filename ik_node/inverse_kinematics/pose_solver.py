@@ -1,0 +1,215 @@
+"""Inverse kinematics for applications: joint positions within their limits for a pose, with restarts, in bounded time.
+
+Each search is a damped Newton-Raphson iteration on the body twist of
+:mod:`ik_node.inverse_kinematics.newton_raphson`::
+
+    theta <- theta + J' (J J' + lambda E I)^-1 V_b ,    E = V_b' V_b ,    lambda = 0.03
+
+This is the Levenberg-Marquardt step of Chan and Lawrence (1988): short at a distance and at singularities, Newton's
+step near the solution. Joints with a range of a full turn or more move freely, and multiples of 2 pi are subtracted at
+the end. The other joints stop at their limits, and while they are pushed against one their columns of J are zero. A
+search without sufficient decrease is ended. Starts are the seed, the middle of the joint range, and low-discrepancy
+points in the joint range, the same for every call.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ik_node.inverse_kinematics.newton_raphson import PoseSolution, TerminationReason, pose_iterate
+from ik_node.math import se3
+from ik_node.math.numerics import check_count, check_positive, checked_vector, low_discrepancy_points
+from ik_node.math.types import Array
+from ik_node.robot.screw_chain import KinematicChain, wrap_into_limits
+
+DAMPING = 0.03
+"""lambda: damping per squared length of the error twist."""
+REQUIRED_DECREASE = 0.9
+"""A step decreases E sufficiently if it is below this fraction of the least E so far."""
+MAX_STEPS_WITHOUT_DECREASE = 4
+"""Number of successive steps without sufficient decrease after which a search is ended."""
+FULL_TURN = 2.0 * np.pi - 1e-6
+"""Range from which a revolute joint reaches every angle, rad (URDFs state pi with about 8 digits)."""
+
+
+class _Search(NamedTuple):
+    """Result of one search."""
+
+    reason: TerminationReason
+    q: Array
+    """Its best joint positions, (n,), wrapped into the limits."""
+    error: float
+    """Squared norm of V_b at the best joint positions."""
+    rows: list[tuple[Array, Array, Array]]
+    """theta, T_sb, V_b of every iterate."""
+
+
+class PoseSolver:
+    """Inverse kinematics of one arm. It has no state between calls: equal arguments give equal results."""
+
+    def __init__(
+        self,
+        chain: KinematicChain,
+        *,
+        eps_omega: float = 1e-6,
+        eps_v: float = 1e-6,
+        search_iterations: int = 30,
+        max_iterations: int = 3000,
+    ) -> None:
+        """Prepares the searches.
+
+        Args:
+            chain: A Robot or a ScrewChain.
+            eps_omega: Tolerance of the rotation, rad.
+            eps_v: Tolerance of the position, m.
+            search_iterations: Maximum number of steps of one search.
+            max_iterations: Maximum number of steps of all searches of a call.
+
+        Raises:
+            InputError: A tolerance or count is not positive.
+        """
+        check_positive(eps_omega=eps_omega, eps_v=eps_v)
+        check_count(1, search_iterations=search_iterations, max_iterations=max_iterations)
+        self.chain = chain
+        self.eps_omega, self.eps_v = eps_omega, eps_v
+        self.search_iterations, self.max_iterations = search_iterations, max_iterations
+        lower, upper = chain.limits.lower, chain.limits.upper
+        wide = chain.turning & (upper - lower >= FULL_TURN)
+        self._lower, self._upper = np.where(wide, -np.inf, lower), np.where(wide, np.inf, upper)
+        self._bounded = not bool(np.isinf(self._lower).all() and np.isinf(self._upper).all())
+        # Range of the starts of a joint without limits: one turn, or one metre to each side.
+        reach = np.where(chain.turning, np.pi, 1.0)
+        self._start_low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * reach, -reach))
+        self._start_high = np.where(np.isfinite(upper), upper, self._start_low + 2.0 * reach)
+        self._damping = DAMPING * np.eye(min(6, chain.n))
+
+    def solve(self, pose_sd: ArrayLike, seed: ArrayLike | None = None, *, restarts: int | None = None) -> PoseSolution:
+        """Joint positions within their limits for a pose.
+
+        Args:
+            pose_sd: T_sd, (4, 4).
+            seed: Start of the first search, (n,), rad (m); None is the middle of the joint range.
+            restarts: Maximum number of further searches; None restarts until ``max_iterations``.
+
+        Returns:
+            The result. If it has not converged: the pose nearest to ``pose_sd`` that was found, and the reason for
+            which its search ended, TerminationReason.STALLED, CAP or LIMITS.
+
+        Raises:
+            InputError: ``pose_sd`` is more than 1e-3 away from SE(3) or not finite, or ``seed`` or ``restarts`` is
+                invalid.
+        """
+        target = se3.checked_pose(pose_sd, "pose_sd")
+        first = None if seed is None else checked_vector(seed, self.chain.n, "seed")
+        check_count(restarts=restarts or 0)
+        best = self._search(target, self.start(0) if first is None else first, self._allowance(0))
+        used, searches = len(best.rows) - 1, 1
+        while best.reason is not TerminationReason.CONVERGED and used < self.max_iterations:
+            if restarts is not None and searches > restarts:
+                break
+            start = self.start(searches if first is None else searches - 1)
+            search = self._search(target, start, self._allowance(used))
+            used += len(search.rows) - 1
+            searches += 1
+            if search.reason is TerminationReason.CONVERGED or search.error < best.error:
+                best = search
+        iterates = tuple(pose_iterate(*row) for row in best.rows)
+        return PoseSolution(best.reason is TerminationReason.CONVERGED, best.reason, best.q, iterates, used, searches)
+
+    def _allowance(self, used: int) -> int:
+        return min(self.search_iterations, self.max_iterations - used)
+
+    def start(self, index: int) -> Array:
+        """Start of the search ``index``, (n,); 0 is the middle of the joint range."""
+        return np.asarray(
+            self._start_low + (self._start_high - self._start_low) * low_discrepancy_points(index, self.chain.n)
+        )
+
+    def _search(self, target: Array, start: Array, iterations: int) -> _Search:
+        evaluate, lower, upper, bounded = self.chain.evaluate, self._lower, self._upper, self._bounded
+        limit = self.eps_omega**2 + self.eps_v**2
+        q = np.minimum(np.maximum(start, lower), upper)
+        rows: list[tuple[Array, Array, Array]] = []
+        best, least_error, steps_without_decrease = q, np.inf, 0
+        while True:
+            pose, jacobian = evaluate(q)
+            twist = se3.log(se3.inverse(pose) @ target)
+            rows.append((q, pose, twist))
+            error = float(twist @ twist)
+            steps_without_decrease = 0 if error < REQUIRED_DECREASE * least_error else steps_without_decrease + 1
+            if error < least_error:
+                best, least_error = q, error
+            if error <= limit and self._solved(twist):
+                best, reason = q, TerminationReason.CONVERGED
+                break
+            if steps_without_decrease >= MAX_STEPS_WITHOUT_DECREASE:
+                reason = TerminationReason.STALLED
+                break
+            if len(rows) > iterations:
+                reason = TerminationReason.CAP
+                break
+            if bounded:
+                jacobian = _without_blocked_joints(jacobian, twist, q, lower, upper)
+            q = q + self._step(jacobian, twist, error)
+            if bounded:
+                q = np.minimum(np.maximum(q, lower), upper)
+        wrapped, inside = wrap_into_limits(best, self.chain)
+        if not inside:
+            # With a range of 2 pi a multiple of 2 pi may exceed a limit by rounding.
+            wrapped = np.minimum(np.maximum(wrapped, self.chain.limits.lower), self.chain.limits.upper)
+        if reason is TerminationReason.CONVERGED:
+            final = se3.log(se3.inverse(self.chain.pose(wrapped)) @ target)
+            if not self._solved(final):
+                reason = TerminationReason.LIMITS
+        return _Search(reason, wrapped, least_error, rows)
+
+    def _step(self, jacobian: Array, twist: Array, error: float) -> Array:
+        # The least damping keeps the matrix regular at a singularity with the tightest tolerances.
+        damping = max(error, 1e-14) * self._damping
+        if self.chain.n >= 6:
+            return np.asarray(np.linalg.solve(jacobian @ jacobian.T + damping, twist) @ jacobian)
+        return np.asarray(np.linalg.solve(jacobian.T @ jacobian + damping, twist @ jacobian))
+
+    def _solved(self, twist: Array) -> bool:
+        v, omega = twist[:3], twist[3:]
+        return float(v @ v) <= self.eps_v**2 and float(omega @ omega) <= self.eps_omega**2
+
+
+def _without_blocked_joints(jacobian: Array, twist: Array, q: Array, lower: Array, upper: Array) -> Array:
+    """The Jacobian with zero columns for joints that are at a limit and pushed against it."""
+    at_lower, at_upper = q <= lower, q >= upper
+    if not (at_lower | at_upper).any():
+        return jacobian
+    push = twist @ jacobian
+    return np.asarray(jacobian * ~((at_lower & (push < 0.0)) | (at_upper & (push > 0.0))))
+
+
+def solve_pose(
+    chain: KinematicChain,
+    pose_sd: ArrayLike,
+    seed: ArrayLike | None = None,
+    *,
+    restarts: int | None = None,
+    eps_omega: float = 1e-6,
+    eps_v: float = 1e-6,
+) -> PoseSolution:
+    """Joint positions within their limits for a pose; :class:`PoseSolver` is faster for many poses of one arm.
+
+    Args:
+        chain: A Robot or a ScrewChain.
+        pose_sd: T_sd, (4, 4): the desired pose of the tool in the base frame.
+        seed: Start of the first search, (n,), rad (m); None is the middle of the joint range.
+        restarts: Maximum number of further searches; None restarts until the solver's maximum number of iterations.
+        eps_omega: Tolerance of the rotation, rad.
+        eps_v: Tolerance of the position, m.
+
+    Returns:
+        The result; ``converged`` states whether ``q`` reaches the pose.
+
+    Raises:
+        InputError: ``pose_sd`` is more than 1e-3 away from SE(3) or not finite, or another argument is invalid.
+    """
+    return PoseSolver(chain, eps_omega=eps_omega, eps_v=eps_v).solve(pose_sd, seed, restarts=restarts)

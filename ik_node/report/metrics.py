@@ -1,0 +1,276 @@
+"""Scalar metrics of a run."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from ik_node.math.types import Array
+from ik_node.recording.run import Run
+from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
+from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
+from ik_node.report.tracking import TrackingMetrics, TrackingSeries, compare
+
+SETTLE_S = 1.0
+"""Duration of the initial transient, which the settled errors exclude."""
+TRUNCATION_TOLERANCE = 1e-9
+"""A truncated twist (m/s, rad/s) below this is rounding error."""
+
+
+class TimingMetrics(NamedTuple):
+    """Intervals between control steps."""
+
+    number: int
+    """Recorded control steps."""
+    rate_hz: float
+    """Mean over the run."""
+    period_median_ms: float
+    period_std_ms: float
+    period_p99_ms: float
+    period_max_ms: float
+    missing: int
+    """Control steps that are not in the recording."""
+
+
+class SpeedMetrics(NamedTuple):
+    """Largest velocity command relative to its limit."""
+
+    part_of_limit: float
+    """Ratio to the limit of that joint."""
+    joint: str
+    time_s: float
+    non_finite: int
+    """Number of commands that are not finite."""
+    over_limit: int
+    """Number of commands above a velocity limit."""
+
+
+class SingularityMetrics(NamedTuple):
+    """Smallest singular value, and the truncated twist V - V_f near singularities."""
+
+    least: float
+    """Smallest singular value of J_b with weighted angular rows, m."""
+    time_s: float
+    truncated_linear_rms: float
+    """m/s."""
+    truncated_linear_max: float
+    truncated_angular_rms: float
+    """rad/s."""
+    truncated_angular_max: float
+    truncated_s: float
+    """Time with a truncated twist, s."""
+
+
+class ScalingMetrics(NamedTuple):
+    """Task scale s and the active limits."""
+
+    least: float
+    """Smallest s."""
+    slowed_s: float
+    """Time with s < 1, s."""
+    binding: tuple[tuple[str, float], ...]
+    """(active limit, time it was active in s), longest first."""
+
+
+class ClearanceMetrics(NamedTuple):
+    """Smallest distance to an obstacle or between links."""
+
+    least: float
+    """m; NaN if no distance was computed."""
+    time_s: float
+    pair: tuple[str, ...]
+    """Names of the closest pair."""
+
+
+class StatePeriod(NamedTuple):
+    """Total time in one mode with one reason."""
+
+    mode: str
+    reason: str
+    duration_s: float
+
+
+class RunMetrics(NamedTuple):
+    """All metrics of one run; the field names are the keys of the JSON report."""
+
+    robot: str
+    trajectory: str
+    method: str
+    joints: tuple[str, ...]
+    duration_s: float
+    """From the first control step to the last."""
+    tracking: TrackingMetrics | None
+    """None without a ground truth."""
+    ticks: TimingMetrics
+    speed: SpeedMetrics
+    singularity: SingularityMetrics
+    scaling: ScalingMetrics
+    nearness: ClearanceMetrics
+    margin: JointLimitMargin
+    multiplier: MultiplierMaxima
+    periods: tuple[StatePeriod, ...]
+    """Longest first."""
+    targets: int
+    """Number of received target poses."""
+    target_rate_hz: float
+    dropped: int
+    """Messages that the recorder dropped."""
+    complete: bool
+    """Whether the recorder closed the recording."""
+    series: TrackingSeries | None
+    """For plots; not part of the JSON."""
+
+
+def compute_metrics(
+    run: Run, truth: GroundTruth | None = None, trajectory: str = "", settle_s: float = SETTLE_S
+) -> RunMetrics:
+    """Computes all metrics of a run.
+
+    The tracking error compares the measured tool pose, the forward kinematics of the measured joint positions, with the
+    ground truth at the stamp of the joint state. The node's desired pose is not used.
+
+    Args:
+        run: The recorded run.
+        truth: Ground truth; the recorded targets if None.
+        trajectory: Name of the trajectory in the report.
+        settle_s: Duration of the initial transient, which the settled errors exclude.
+    """
+    reference = truth or ground_truth_from_targets(run.targets, run.base_frame)
+    tracking, series = (None, None) if reference is None else compare(run, reference, settle_s)
+    durations_s = _durations(run)
+    return RunMetrics(
+        robot=run.robot or robot_name(run.urdf),
+        trajectory=trajectory,
+        method=str(run.settings.get("method", "")),
+        joints=run.joints,
+        duration_s=float(run.times_s[-1] - run.times_s[0]) if len(run.times_s) else 0.0,
+        tracking=tracking,
+        ticks=_ticks(run),
+        speed=_speed(run),
+        singularity=_singularity(run, durations_s),
+        scaling=_scaling(run, durations_s),
+        nearness=_clearance(run),
+        margin=joint_limit_margin(run),
+        multiplier=multiplier_maxima(run),
+        periods=_periods(run, durations_s),
+        targets=len(run.targets.times_s),
+        target_rate_hz=_rate(run.targets.times_s),
+        dropped=run.dropped,
+        complete=run.complete,
+        series=series,
+    )
+
+
+def robot_name(urdf: str) -> str:
+    """Value of the attribute ``name`` of a URDF's robot element; ``robot`` if there is none."""
+    found = re.search(r"<robot\b[^>]*\bname\s*=\s*[\"']([^\"']*)", urdf)
+    return found.group(1) if found else "robot"
+
+
+def velocity_ratio(run: Run) -> Array:
+    """Velocity commands divided by the velocity limits, (k, n), signed."""
+    result: Array = run.joint_velocity / run.velocity_limits
+    return result
+
+
+def _durations(run: Run) -> Array:
+    """Duration of each command, (k,), s; the last one is given the median duration."""
+    periods = np.diff(run.times_s)
+    median = float(np.median(periods)) if len(periods) else 0.0
+    return np.append(periods, median) if len(run.times_s) else periods
+
+
+def _rate(times: Array) -> float:
+    """Events per second from the median interval, so that pauses have no effect."""
+    if len(times) < 2:
+        return math.nan
+    period = float(np.median(np.diff(times)))
+    return 1.0 / period if period > 0.0 else math.nan
+
+
+def _ticks(run: Run) -> TimingMetrics:
+    periods = 1e3 * np.diff(run.times_s)
+    if not len(periods):
+        return TimingMetrics(len(run.tick), math.nan, math.nan, math.nan, math.nan, math.nan, 0)
+    return TimingMetrics(
+        number=len(run.tick),
+        rate_hz=float(1e3 / periods.mean()),
+        period_median_ms=float(np.median(periods)),
+        period_std_ms=float(periods.std()),
+        period_p99_ms=float(np.percentile(periods, 99.0)),
+        period_max_ms=float(periods.max()),
+        missing=int((np.diff(run.tick) - 1).sum()),
+    )
+
+
+def _speed(run: Run) -> SpeedMetrics:
+    finite = np.isfinite(run.joint_velocity)
+    ratios = np.where(finite, np.abs(velocity_ratio(run)), -1.0)
+    if not finite.any():
+        return SpeedMetrics(math.nan, "", math.nan, len(ratios), 0)
+    row, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
+    return SpeedMetrics(
+        part_of_limit=float(ratios[row, joint]),
+        joint=run.joints[int(joint)],
+        time_s=float(run.times_s[row]),
+        non_finite=int((~finite).any(axis=1).sum()),
+        over_limit=int((ratios > 1.0).any(axis=1).sum()),
+    )
+
+
+def _singularity(run: Run, durations_s: Array) -> SingularityMetrics:
+    last = run.singular_values[:, -1] if run.singular_values.size else np.empty(0)
+    finite = np.isfinite(last)
+    row = int(np.where(finite, last, np.inf).argmin()) if finite.any() else -1
+    truncated = run.truncated_b[np.isfinite(run.truncated_b).all(axis=1)]
+    linear, angular = np.linalg.norm(truncated[:, :3], axis=1), np.linalg.norm(truncated[:, 3:], axis=1)
+    with np.errstate(invalid="ignore"):
+        is_truncated = np.abs(run.truncated_b).max(axis=1, initial=0.0) > TRUNCATION_TOLERANCE
+    return SingularityMetrics(
+        least=float(last[row]) if row >= 0 else math.nan,
+        time_s=float(run.times_s[row]) if row >= 0 else math.nan,
+        truncated_linear_rms=_rms(linear),
+        truncated_linear_max=float(linear.max(initial=0.0)),
+        truncated_angular_rms=_rms(angular),
+        truncated_angular_max=float(angular.max(initial=0.0)),
+        truncated_s=float(durations_s[is_truncated].sum()),
+    )
+
+
+def _clearance(run: Run) -> ClearanceMetrics:
+    finite = np.isfinite(run.clearance)
+    if not finite.any():
+        return ClearanceMetrics(math.nan, math.nan, ())
+    row = int(np.where(finite, run.clearance, np.inf).argmin())
+    return ClearanceMetrics(float(run.clearance[row]), float(run.times_s[row]), run.closest_pair[row])
+
+
+def _scaling(run: Run, durations_s: Array) -> ScalingMetrics:
+    finite = np.isfinite(run.scale)
+    with np.errstate(invalid="ignore"):
+        slowed = run.scale < 1.0
+    times: dict[str, float] = {}
+    for names, duration in zip(run.binding, durations_s.tolist(), strict=True):
+        for name in names:
+            times[name] = times.get(name, 0.0) + duration
+    return ScalingMetrics(
+        least=float(run.scale[finite].min()) if finite.any() else math.nan,
+        slowed_s=float(durations_s[slowed].sum()),
+        binding=tuple(sorted(times.items(), key=lambda item: (-item[1], item[0]))),
+    )
+
+
+def _periods(run: Run, durations_s: Array) -> tuple[StatePeriod, ...]:
+    times: dict[tuple[str, str], float] = {}
+    for status, duration in zip(run.status, durations_s.tolist(), strict=True):
+        key = (status.mode.value, status.reason)
+        times[key] = times.get(key, 0.0) + duration
+    longest = sorted(times.items(), key=lambda item: (-item[1], item[0]))
+    return tuple(StatePeriod(mode, reason, duration) for (mode, reason), duration in longest)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -1,0 +1,54 @@
+"""Names, units and factors with which the report and the viewer display a quantity."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+NOT_AVAILABLE = "-"
+
+
+class DisplayedQuantity(NamedTuple):
+    """A quantity as it is displayed."""
+
+    name: str
+    unit: str = ""
+    factor: float = 1.0
+    """From SI units to ``unit``."""
+    digits: int = 3
+    """After the decimal point."""
+
+    @property
+    def label(self) -> str:
+        """Name with unit: the label of a row of a table."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def title(self) -> str:
+        """Label with a capital letter: the title of a plot."""
+        return self.label[0].upper() + self.label[1:]
+
+    def scaled(self, values: Any) -> Any:
+        """Values in SI units -> values in ``unit``."""
+        return self.factor * values
+
+    def text(self, value: float, not_available: str = NOT_AVAILABLE, with_unit: bool = False) -> str:
+        """A value in SI units as text; ``not_available`` if it is not finite."""
+        if not math.isfinite(value):
+            return not_available
+        number = f"{self.factor * value:.{self.digits}f}"
+        return f"{number} {self.unit}".rstrip() if with_unit else number
+
+
+POSITION_ERROR = DisplayedQuantity("position error", "mm", 1e3)
+ORIENTATION_ERROR = DisplayedQuantity("orientation error", "mrad", 1e3)
+JOINT_SPEED = DisplayedQuantity("joint velocity command", "% of limit", 100.0, 1)
+SMALLEST_SINGULAR_VALUE = DisplayedQuantity("smallest singular value", "m", digits=4)
+SCALE = DisplayedQuantity("task scale s")
+CLEARANCE = DisplayedQuantity("clearance", "mm", 1e3, 1)
+TRUNCATED_LINEAR = DisplayedQuantity("truncated twist, linear", "mm/s", 1e3, 2)
+TRUNCATED_ANGULAR = DisplayedQuantity("truncated twist, angular", "mrad/s", 1e3, 2)
+MULTIPLIER_TASK_LINEAR = DisplayedQuantity("λ task, linear")
+MULTIPLIER_TASK_ANGULAR = DisplayedQuantity("λ task, angular")
+MULTIPLIER_POTENTIAL_LINEAR = DisplayedQuantity("λ potential, linear")
+MULTIPLIER_POTENTIAL_ANGULAR = DisplayedQuantity("λ potential, angular")

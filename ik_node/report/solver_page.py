@@ -1,0 +1,81 @@
+"""Inputs and results of the solver: singular values, task scale s, clearance, and both multiplier terms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ik_node.math.types import Array
+from ik_node.report.canvas import new_figure
+from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_values, draw_truncated_twist
+from ik_node.report.reported_run import ReportedRun, methods_of, potential_wrench, span_of, time_label
+from ik_node.report.style import BLUE, GREEN, VERMILION, decimate, placeholder, run_legend, share_time_axis
+
+AXIS_COLOURS = (VERMILION, GREEN, BLUE)
+"""Of x, y and z."""
+UNWEIGHTED = "plain"
+"""The method without mass weighting; its multiplier is no momentum."""
+
+
+def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
+    """Draws the page: components of the multiplier for one recording, norms for several."""
+    figure = new_figure(9.2)
+    figure.suptitle(
+        "Singular values, task scale, clearance and multiplier", x=0.03, ha="left", fontsize=13, fontweight="bold"
+    )
+    if len(reported_runs) > 1:
+        run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
+    grid = figure.add_gridspec(4, 2, left=0.05, right=0.985, top=0.9, bottom=0.06, hspace=0.32, wspace=0.1)
+    left = [figure.add_subplot(grid[row, 0]) for row in range(4)]
+    right = [figure.add_subplot(grid[row, 1]) for row in range(4)]
+    draw_singular_values(left[0], reported_runs)
+    draw_scale(left[1], reported_runs)
+    draw_clearance(left[2], reported_runs)
+    draw_truncated_twist(left[3], reported_runs)
+    momenta = [reported.run.multiplier_task for reported in reported_runs]
+    wrenches = [potential_wrench(reported) for reported in reported_runs]
+    potential, frame = "λ potential times 1/k", _frame(reported_runs)
+    for axes, terms, components, label in (
+        (right[0], momenta, slice(0, 3), f"λ task, linear {_unit(reported_runs, 'N s')}"),
+        (right[1], momenta, slice(3, 6), f"λ task, angular {_unit(reported_runs, 'N m s')}"),
+        (right[2], wrenches, slice(0, 3), f"{potential}: force [N]"),
+        (right[3], wrenches, slice(3, 6), f"{potential}: torque [N m]"),
+    ):
+        _draw_vectors(axes, reported_runs, [term[:, components] for term in terms], label + frame)
+    for column in (left, right):
+        share_time_axis(column, span_of(reported_runs), time_label(reported_runs))
+    return figure
+
+
+def _draw_vectors(axes: Any, reported_runs: Sequence[ReportedRun], vectors: Sequence[Array], label: str) -> None:
+    """Components x, y, z of vectors (k, 3) of one recording, or their norms for several recordings."""
+    if not any((np.abs(rows[np.isfinite(rows)]) > 0.0).any() for rows in vectors):
+        axes.set_title(label)
+        placeholder(axes, "zero: no active potential" if "potential" in label else "zero, or not computed")
+        return
+    if len(reported_runs) == 1:
+        axes.set_title(label)
+        for column, (name, colour) in enumerate(zip("xyz", AXIS_COLOURS, strict=True)):
+            axes.plot(
+                *decimate(reported_runs[0].times_s, vectors[0][:, column]), color=colour, linewidth=0.9, label=name
+            )
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=3, frameon=False, fontsize=8)
+        return
+    axes.set_title(f"Norm of {label}")
+    for reported, rows in zip(reported_runs, vectors, strict=True):
+        axes.plot(*decimate(reported.times_s, np.linalg.norm(rows, axis=1)), color=reported.colour, linewidth=0.9)
+    axes.set_ylim(bottom=0.0)
+
+
+def _unit(reported_runs: Sequence[ReportedRun], unit: str) -> str:
+    unweighted = [method == UNWEIGHTED for reported in reported_runs for method in methods_of(reported)]
+    if all(unweighted):
+        return "(unweighted: no momentum)"
+    return f"[{unit}; {UNWEIGHTED}: unweighted]" if any(unweighted) else f"[{unit}]"
+
+
+def _frame(reported_runs: Sequence[ReportedRun]) -> str:
+    frames = {str(reported.run.settings.get("jacobian", "body")) for reported in reported_runs}
+    return f", in the {frames.pop()} frame" if len(frames) == 1 else ""

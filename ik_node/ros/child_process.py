@@ -1,0 +1,72 @@
+"""Nodes of this package as child processes that end with their parent."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+END_WITH_PARENT = "IK_NODE_END_WITH_PARENT"
+"""Environment variable of a process that must end with its parent."""
+PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent_if_requested() -> None:
+    """Let Linux send SIGINT to this process when its parent ends, so that no orphan moves an arm."""
+    if os.environ.get(END_WITH_PARENT) == "1" and sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+
+
+class NodeProcess:
+    """A node in a child process with a session of its own: Ctrl-C in the terminal reaches the parent only."""
+
+    def __init__(self, module: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
+        """Start ``python -m module --ros-args arguments``; its output goes to ``log``."""
+        self.module = module
+        self.log = log
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", module, "--ros-args", *arguments],
+                env={**os.environ, **environment, END_WITH_PARENT: "1"},
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code; None while the process runs."""
+        return self._process.poll()
+
+    def stop(self, signal_number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
+        """Send a signal, and SIGKILL after ``timeout_s``; return the exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal_number)
+            try:
+                self._process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        return self._process.wait()
+
+    def log_tail(self) -> str:
+        """Return the last lines of the output."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-10:])
+
+    def __enter__(self) -> NodeProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()

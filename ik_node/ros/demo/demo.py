@@ -1,0 +1,253 @@
+"""The demonstration: node and simulated arm as processes, a streamed trajectory, the recording, the report."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import which
+from types import FrameType
+
+import numpy as np
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from ik_node import resources
+from ik_node.control.warm_up import warm_up
+from ik_node.errors import IkNodeError, SettingsError
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.motion import Trajectory
+from ik_node.jit import is_cold
+from ik_node.math.types import Array
+from ik_node.recording.run_reader import load_run
+from ik_node.report import (
+    GROUND_TRUTH_FILE,
+    GroundTruth,
+    as_json,
+    as_text,
+    compute_metrics,
+    ground_truth_from_trajectory,
+    write_ground_truth,
+)
+from ik_node.report.summary_page import save_summary
+from ik_node.robot.catalogue import robot_from_settings
+from ik_node.ros.child_process import NodeProcess
+from ik_node.ros.demo.target_streamer import TargetStreamer
+from ik_node.settings.groups import Settings
+from ik_node.settings.parameter_file import read_settings
+from ik_node.trajectory import pose_file, shapes
+from ik_node.trajectory.pose_file import PoseFileTrajectory
+from ik_node.trajectory.pose_file_format import PoseFileFormat
+
+READY_TIMEOUT_S = 120.0
+"""Includes the compilation by the node where machine code cannot be stored on disk."""
+STREAM_RATE_HZ = 50.0
+HOLD_S = 0.6
+"""Time after the last target; the node detects the end of the stream in it."""
+PROGRESS_S = 0.2
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """Options of the demonstration."""
+
+    robot: str
+    config: Path | None
+    trajectory: str
+    """A name in :data:`ik_node.trajectory.shapes.SHAPES`, or a file of poses."""
+    file_format: PoseFileFormat
+    target_rate_hz: float | None
+    rate_hz: float | None
+    overrides: tuple[str, ...]
+    """Parameters of the node, ``name:=value``."""
+    out: Path
+    show: bool
+    """Open the picture of the report where there is a screen."""
+
+
+class Demonstration:
+    """One run from start to report."""
+
+    def __init__(self, options: DemoOptions) -> None:
+        """Load configuration and robot; raises an IkNodeError when one of them, or the output folder, is not usable."""
+        self._options = options
+        self._config = options.config or _config_for(options.robot)
+        settings = Settings() if self._config is None else read_settings(self._config)
+        self._robot = robot_from_settings(dataclasses.replace(settings.arm, robot=options.robot))
+        self._interrupted = False
+        if options.out.exists():
+            raise SettingsError(f"folder '{options.out}' exists already; it is not overwritten")
+
+    def run(self) -> int:
+        """Run; return 0, or 130 when interrupted. The recording is complete and reported in both cases."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        out = self._options.out
+        out.mkdir(parents=True)
+        if is_cold():
+            print("compiling, once per version: about half a minute", flush=True)
+            warm_up(self._robot, Settings())
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            with self._simulator(out) as simulator, self._node(out) as node:
+                truth = self._stream([simulator, node])
+        finally:
+            rclpy.try_shutdown()
+        self._report(out, truth)
+        return 130 if self._interrupted else 0
+
+    # --- processes ---------------------------------------------------------------------------------------------------
+
+    def _simulator(self, out: Path) -> NodeProcess:
+        arguments = [*self._common("ik_simulator"), "-r", "commands:=/ik_node/commands"]
+        return NodeProcess("ik_node.cli.simulator", arguments, {}, out / "ik_simulator.log")
+
+    def _node(self, out: Path) -> NodeProcess:
+        recording = ["recording.enabled:=true", f"recording.directory:={out / 'bag'}"]
+        arguments = self._common("ik_node")
+        for value in (*recording, *self._options.overrides):
+            arguments += ["-p", f"ik_node:{value}"]
+        return NodeProcess("ik_node.cli.node", arguments, {}, out / "ik_node.log")
+
+    def _common(self, node: str) -> list[str]:
+        """Return arguments for either node; values with the name of the node override those of the file."""
+        arguments = [] if self._config is None else ["--params-file", str(self._config)]
+        arguments += ["-p", f"{node}:robot:={self._options.robot}"]
+        if self._options.rate_hz is not None:
+            arguments += ["-p", f"{node}:rate_hz:={float(self._options.rate_hz)!r}"]
+        return arguments
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        del number, frame
+        self._interrupted = True
+
+    # --- streaming ---------------------------------------------------------------------------------------------------
+
+    def _stream(self, processes: list[NodeProcess]) -> GroundTruth:
+        executor = EventsExecutor()
+        streamer = TargetStreamer(self._robot, executor)
+
+        def check_processes() -> None:
+            for process in processes:
+                if process.exit_code is not None:
+                    raise IkNodeError(f"{process.module} ended with code {process.exit_code}:\n{process.log_tail()}")
+            if self._interrupted:
+                raise IkNodeError("interrupted before the start")
+
+        print(f"starting {self._options.robot}: ik_node and ik_simulator over DDS", flush=True)
+        streamer.wait_until_ready(READY_TIMEOUT_S, check_processes)
+        start_pose = streamer.measured_pose()
+        trajectory = self._trajectory(start_pose)
+        approach = shapes.straight_line(start_pose, trajectory.pose(0.0))
+        whole = shapes.sequence(approach, trajectory)
+        if approach.duration_s:
+            print(f"{approach.duration_s:.1f} s approach to the first pose, then the trajectory", flush=True)
+
+        def may_continue() -> bool:
+            if not self._interrupted:
+                check_processes()
+            return not self._interrupted
+
+        progress = Progress(streamer, whole, may_continue)
+        start_ros_ns = streamer.stream(self._targets(approach, trajectory), progress)
+        if not self._interrupted:
+            streamer.spin_for(HOLD_S)
+        progress.close()
+        executor.shutdown(0.5)
+        streamer.destroy_node()
+        return ground_truth_from_trajectory(trajectory, start_ros_ns + round(approach.duration_s * NS))
+
+    def _trajectory(self, start_pose: Array) -> Trajectory:
+        name = self._options.trajectory
+        if name in shapes.SHAPES:
+            return shapes.SHAPES[name](start_pose)
+        path = Path(name)
+        if not path.is_file():
+            raise SettingsError(f"no trajectory '{name}'; valid: {', '.join(shapes.SHAPES)}, or a file of poses")
+        loaded = pose_file.load(path, self._options.file_format, start_pose)
+        print(loaded.describe(), flush=True)
+        return loaded
+
+    def _targets(self, approach: Trajectory, trajectory: Trajectory) -> Iterator[tuple[float, Array]]:
+        """Yield (time_s, T_sd): a file at its own times unless a rate is given, otherwise at a constant rate."""
+        rate_hz = self._options.target_rate_hz
+        begin_s = approach.duration_s
+        for time_s in _sample_times(begin_s, rate_hz or STREAM_RATE_HZ):
+            if time_s < begin_s:
+                yield time_s, approach.pose(time_s)
+        if rate_hz is None and isinstance(trajectory, PoseFileTrajectory):
+            for sample in trajectory.samples():
+                yield begin_s + sample.time_s, sample.pose
+            return
+        for time_s in _sample_times(trajectory.duration_s, rate_hz or STREAM_RATE_HZ):
+            yield begin_s + time_s, trajectory.pose(time_s)
+
+    # --- the report ------------------------------------------------------------------------------------------------
+
+    def _report(self, out: Path, truth: GroundTruth) -> None:
+        write_ground_truth(out / GROUND_TRUTH_FILE, truth)
+        run = load_run(out / "bag")
+        report = compute_metrics(run, truth, self._trajectory_name())
+        picture = out / "report.png"
+        save_summary(run, report, picture)
+        (out / "report.json").write_text(as_json(report))
+        print(as_text(report))
+        print(f"recording {out / 'bag'}\npicture   {picture}", flush=True)
+        if self._options.show and sys.stdout.isatty() and which("xdg-open"):
+            subprocess.Popen(["xdg-open", str(picture)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def _trajectory_name(self) -> str:
+        name = self._options.trajectory
+        return name if name in shapes.SHAPES else Path(name).name
+
+
+class Progress:
+    """A progress line: rewritten ten times per second on a terminal, printed every two seconds elsewhere."""
+
+    def __init__(self, streamer: TargetStreamer, whole: Trajectory, may_continue: Callable[[], bool]) -> None:
+        self._streamer = streamer
+        self._whole = whole
+        self._may_continue = may_continue
+        self._on_terminal = sys.stdout.isatty()
+        self._every_s = 0.1 if self._on_terminal else 2.0
+        self._next_s = 0.0
+
+    def __call__(self, time_s: float) -> bool:
+        """Print the progress at ``time_s``; return False when the run has to end."""
+        if time_s >= self._next_s:
+            self._next_s = time_s + self._every_s
+            distance = self._streamer.measured_pose()[:3, 3] - self._whole.pose(time_s)[:3, 3]
+            mode, reason = self._streamer.status
+            line = f"{time_s:6.1f} / {self._whole.duration_s:.1f} s  error {1e3 * np.linalg.norm(distance):6.2f} mm"
+            line += f"  {mode}: {reason}"
+            print(
+                f"\r{line:<100.100}" if self._on_terminal else line, end="" if self._on_terminal else "\n", flush=True
+            )
+        return self._may_continue()
+
+    def close(self) -> None:
+        """End the line."""
+        if self._on_terminal:
+            print(flush=True)
+
+
+def _sample_times(duration_s: float, rate_hz: float) -> Iterator[float]:
+    """Yield the times from 0 to ``duration_s``, both included."""
+    count = int(np.floor(duration_s * rate_hz + 1e-9))
+    for index in range(count + 1):
+        yield index / rate_hz
+    if count / rate_hz < duration_s:
+        yield duration_s
+
+
+def _config_for(robot: str) -> Path | None:
+    """Return the configuration file of a robot; None where there is none and the defaults apply."""
+    try:
+        return resources.config_file(f"{robot}.yaml")
+    except SettingsError:
+        return None

@@ -1,1 +1,0 @@
-"""A run in 3-D in the browser."""

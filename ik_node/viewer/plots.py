@@ -1,0 +1,141 @@
+"""The plots beside the scene, each with a cursor at the displayed time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ik_node.math.types import Array
+from ik_node.report import quantities
+from ik_node.viewer import decimation
+from ik_node.viewer.timeline import Timeline
+
+CURSOR_COLOUR = "#d55e00"
+LINE_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a6f00", "#555555")
+HEIGHT_PX = 92
+AXIS_PX = 46
+TICK_SPACE_PX = 18
+"""Minimum distance of the ticks of the vertical axis."""
+
+
+class PlotSpec(NamedTuple):
+    """Content of one plot."""
+
+    title: str
+    labels: tuple[str, ...]
+    """Of the lines."""
+    columns: Callable[[Timeline], Array]
+    """Values, (k, lines)."""
+    span: tuple[float | None, float | None] | None = None
+    """Range of the vertical axis; None: automatic."""
+    height_px: int = HEIGHT_PX
+
+
+def plots_for(joints: tuple[str, ...], velocity_limits: Array, with_clearance: bool) -> tuple[PlotSpec, ...]:
+    """The plots of an arm.
+
+    Args:
+        joints: Joint names.
+        velocity_limits: (n,), rad/s (m/s); infinite for none.
+        with_clearance: Whether the clearance is computed.
+    """
+    limits = np.where(np.isfinite(velocity_limits) & (velocity_limits > 0.0), velocity_limits, np.nan)
+
+    def plot(
+        quantity: quantities.DisplayedQuantity,
+        label: str,
+        values: Callable[[Timeline], Array],
+        span: tuple[float | None, float | None] | None = None,
+    ) -> PlotSpec:
+        return PlotSpec(quantity.title, (label,), lambda timeline: quantity.scaled(values(timeline))[:, None], span)
+
+    plots = [
+        plot(quantities.POSITION_ERROR, "error", lambda timeline: timeline.position_error, (0.0, None)),
+        PlotSpec(
+            quantities.JOINT_SPEED.title,
+            _short_names(joints),
+            lambda timeline: quantities.JOINT_SPEED.scaled(timeline.joint_velocity / limits),
+            height_px=HEIGHT_PX + 40,
+        ),
+        plot(quantities.SMALLEST_SINGULAR_VALUE, "sigma_min", lambda timeline: timeline.sigma_min, (0.0, None)),
+        plot(quantities.SCALE, "s", lambda timeline: timeline.scale, (0.0, 1.1)),
+    ]
+    if with_clearance:
+        plots.append(plot(quantities.CLEARANCE, "clearance", lambda timeline: timeline.clearance))
+    return tuple(plots)
+
+
+def _short_names(joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Names without their common prefix; numbers are kept whole."""
+    shared = 0
+    while len(joints) > 1 and all(len(j) > shared and j[shared] == joints[0][shared] for j in joints):
+        shared += 1
+    while shared and joints[0][shared - 1].isdigit():
+        shared -= 1
+    kept = tuple(joint[shared:] for joint in joints)
+    return tuple(f"joint {name}" if name.isdigit() else name for name in kept) if all(kept) else joints
+
+
+class PlotPanel:
+    """Draws timelines into uPlot charts."""
+
+    def __init__(self, server: Any, plots: tuple[PlotSpec, ...]) -> None:
+        """Adds the charts to the current GUI container."""
+        self._plots = plots
+        empty = (np.array([0.0, 1.0]),)
+        self._handles = [
+            server.gui.add_uplot(
+                data=empty + tuple(np.zeros(2) for _ in range(len(plot.labels) + 1)),
+                series=_series(plot),
+                title=plot.title,
+                scales={
+                    "x": {"time": False},
+                    "now": {"range": (0.01, 1.0)},
+                    **({"y": {"range": plot.span}} if plot.span else {}),
+                },
+                axes=(
+                    {"size": 24 if len(plot.labels) == 1 else 38, "font": "10px sans-serif"},
+                    {"size": AXIS_PX, "font": "10px sans-serif", "space": TICK_SPACE_PX},
+                ),
+                legend={"show": len(plot.labels) > 1, "live": False},
+                cursor={"sync": {"key": "time"}},
+                height=plot.height_px,
+                padding=(0, 10, 0, 0),
+            )
+            for plot in plots
+        ]
+        self._drawn: tuple[Timeline, float, float] | None = None
+        self._lines: list[tuple[Array, Array]] = []
+
+    def draw(self, timeline: Timeline, begin_s: float, end_s: float, now_s: float) -> None:
+        """Draws ``timeline`` between two times, with the cursor at ``now_s``."""
+        if len(timeline.times_s) < 2:
+            return
+        if self._drawn is None or self._drawn[0] is not timeline or self._drawn[1:] != (begin_s, end_s):
+            self._lines = self._decimated(timeline, begin_s, end_s)
+            self._drawn = (timeline, begin_s, end_s)
+        for handle, (times, values) in zip(self._handles, self._lines, strict=True):
+            if len(times) > 1:
+                cursor = np.zeros(len(times))
+                cursor[int(np.abs(times - now_s).argmin())] = 1.0
+                handle.data = (times, *values.T, cursor)
+
+    def _decimated(self, timeline: Timeline, begin_s: float, end_s: float) -> list[tuple[Array, Array]]:
+        first, last = timeline.row(begin_s), int(np.searchsorted(timeline.times_s, end_s, side="right"))
+        shown = timeline.section(first, last)
+        return [_contiguous(*decimation.decimate(shown.times_s, plot.columns(shown))) for plot in self._plots]
+
+
+def _contiguous(times: Array, values: Array) -> tuple[Array, Array]:
+    return np.ascontiguousarray(times), np.asfortranarray(values)
+
+
+def _series(plot: PlotSpec) -> tuple[dict[str, Any], ...]:
+    lines = [
+        {"label": label, "stroke": LINE_COLOURS[index % len(LINE_COLOURS)], "width": 1.2, "points": {"show": False}}
+        for index, label in enumerate(plot.labels)
+    ]
+    cursor = {"label": "now", "stroke": CURSOR_COLOUR, "width": 1.0, "scale": "now", "points": {"show": False}}
+    return ({"label": "t [s]"}, *lines, cursor)

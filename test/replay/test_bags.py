@@ -1,0 +1,59 @@
+"""The regression suite: every recording in bags/ comes out of the controller as it was recorded. A run of your own is a
+test case once its folder lies there (see bags/README.md). Elsewhere than on the kind of machine that made them, or
+after changes of the code that only round otherwise, numbers may part by rounding."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from support import PROJECT
+
+from ik_node.recording.run_reader import load_run
+from ik_node.replay import text
+from ik_node.replay.bitwise import replay
+from ik_node.replay.call_source import RecordingSource
+
+FOLDER = PROJECT / "bags"
+BAGS = sorted(path.parent for path in FOLDER.glob("*/metadata.yaml"))
+LARGEST_MB = 3.0
+
+
+@pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
+def test_the_recording_comes_out_as_it_is(path: Path) -> None:
+    recorded = RecordingSource(path)
+    found = replay(recorded)
+    assert found.passed, "\n" + text.as_text(recorded, found, 1.0)
+    assert (found.missing_calls, found.skipped_calls) == (0, 0)
+
+
+def test_every_case_of_the_script_is_there() -> None:
+    """An empty folder proves nothing."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        from remake import CASES
+    finally:
+        sys.path.remove(str(FOLDER))
+    missing = set(CASES) - {path.name for path in BAGS}
+    assert not missing, f"python bags/remake.py {' '.join(sorted(missing))}"
+
+
+def test_the_recordings_stay_small() -> None:
+    size = sum(path.stat().st_size for path in FOLDER.rglob("*") if path.is_file())
+    assert size < LARGEST_MB * 1e6
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("singularity", "singularity"),
+        ("limit", "limits"),
+        ("gaps", "stream has ended"),
+    ],
+)
+def test_the_recordings_hold_what_they_are_for(name: str, words: str) -> None:
+    run = load_run(FOLDER / name)
+    assert any(words in change.status.reason for change in run.status_changes)
+    assert run.complete
+    assert run.dropped == 0

@@ -1,0 +1,136 @@
+"""Metrics of a run with a known offset and a known lag; stopped steps do not affect them.
+
+The run is made by the controller and the simulated arm in one process and read from a recording.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loop import make_robot
+from recorded_loop import finish, recorded_loop
+
+from ik_node.cli import report as command
+from ik_node.errors import RecordingError
+from ik_node.interfaces.clock import NS
+from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.recording.run import Run
+from ik_node.recording.run_reader import load_run
+from ik_node.report import GroundTruth, as_json, as_text, compute_metrics, read_ground_truth, write_ground_truth
+from ik_node.report.summary_page import save_summary
+from ik_node.trajectory.shapes import figure_of_eight
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "bag"
+    loop = recorded_loop(path, {"rate_hz": 200.0})
+    loop.run(0.1)
+    loop.follow(figure_of_eight(loop.pose()).pose, 4.0, 50.0)
+    loop.controller.pause(loop.now, "paused by request")
+    loop.run(0.5)
+    finish(loop)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(bag: Path) -> Run:
+    return load_run(bag)
+
+
+def measured_truth(run: Run, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), lag_s: float = 0.0) -> GroundTruth:
+    """The measured tool motion, shifted in position and time: a ground truth with known errors."""
+    robot = make_robot("panda")
+    rows = np.flatnonzero(np.isfinite(run.q).all(axis=1))
+    poses = [robot.pose(q) for q in run.q[rows]]
+    quaternions = np.array([quaternion_from_rotation(pose[:3, :3]) for pose in poses])
+    signs = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))
+    quaternions[1:] *= np.cumprod(signs)[:, None]
+    positions = np.array([pose[:3, 3] for pose in poses]) + offset
+    return GroundTruth(run.state_ros_ns[rows] - round(lag_s * NS), positions, quaternions)
+
+
+def test_known_offset_is_measured(run: Run) -> None:
+    metrics = compute_metrics(run, measured_truth(run, (0.003, 0.0, 0.004)), settle_s=0.0)
+    assert metrics.tracking is not None
+    assert metrics.tracking.overall.position_rms_mm == pytest.approx(5.0, rel=1e-3)
+    assert metrics.tracking.overall.position_max_mm == pytest.approx(5.0, rel=1e-3)
+    assert metrics.tracking.overall.orientation_max_mrad < 1e-3
+
+
+def test_known_lag_is_measured_and_explains_the_error(run: Run) -> None:
+    metrics = compute_metrics(run, measured_truth(run, lag_s=0.03), settle_s=0.0)
+    assert metrics.tracking is not None
+    assert metrics.tracking.lag_position_ms == pytest.approx(30.0, abs=1.0)
+    assert metrics.tracking.overall.position_rms_mm > 0.3
+    assert metrics.tracking.position_rms_without_lag_mm < 0.05
+
+
+def test_metrics_agree_with_the_arrays(run: Run) -> None:
+    metrics = compute_metrics(run)
+    assert metrics.ticks.number == len(run.tick)
+    parts = np.abs(run.joint_velocity) / run.velocity_limits
+    assert metrics.speed.part_of_limit == pytest.approx(np.nanmax(parts))
+    assert metrics.speed.non_finite == metrics.speed.over_limit == 0
+    assert metrics.nearness.least == np.nanmin(run.clearance)
+    assert metrics.singularity.least == pytest.approx(np.nanmin(run.singular_values[:, -1]))
+
+
+def test_commands_over_a_limit_or_not_finite_are_counted(run: Run) -> None:
+    commands = run.joint_velocity.copy()
+    commands[5, 0], commands[7, 2] = np.nan, 99.0
+    metrics = compute_metrics(run.with_columns(joint_velocity=commands))
+    assert (metrics.speed.non_finite, metrics.speed.over_limit) == (1, 1)
+
+
+def test_text_fits_a_screen_and_json_is_complete(run: Run) -> None:
+    metrics = compute_metrics(run, measured_truth(run), "line")
+    lines = as_text(metrics).splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    assert lines[0] == "panda, line, method plain"
+    read = json.loads(as_json(metrics))
+    assert read["tracking"]["overall"]["position_max_mm"] < 0.01
+    assert "series" not in read
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_summary_page_is_written(run: Run, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"picture.{suffix}"
+    save_summary(run, compute_metrics(run, measured_truth(run)), path)
+    assert path.stat().st_size > 20_000
+
+
+def test_summary_page_is_not_blank(run: Run, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    path = tmp_path / "picture.png"
+    save_summary(run, compute_metrics(run, measured_truth(run)), path)
+    pixels = imread(path)
+    assert len(np.unique(pixels.reshape(-1, pixels.shape[2]), axis=0)) > 200
+
+
+def test_ground_truth_is_stored_and_read(run: Run, tmp_path: Path) -> None:
+    truth = measured_truth(run)
+    write_ground_truth(tmp_path / "trajectory.csv", truth)
+    again = read_ground_truth(tmp_path / "trajectory.csv")
+    assert np.array_equal(again.ros_ns, truth.ros_ns)
+    assert np.abs(again.position - truth.position).max() < 1e-11
+    with pytest.raises(RecordingError):
+        write_ground_truth(tmp_path / "trajectory.csv", truth)
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(RecordingError, match="no ground truth"):
+        read_ground_truth(tmp_path / "other.csv")
+
+
+def test_command_line(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main([str(bag), "--out", str(tmp_path / "p.png")]) == 0
+    assert "top speed" in capsys.readouterr().out
+    assert (tmp_path / "p.png").exists()
+    assert command.main([str(bag), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["robot"] == "panda"
+    assert command.main([str(tmp_path)]) == 2
+    assert "error:" in capsys.readouterr().err

@@ -1,0 +1,164 @@
+"""Reports of one recording and of several: all pages exist, are well-formed, and need no network.
+
+The appearance of the plots was inspected by eye; these tests check the content of the files.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from recorded_loop import RecordedCaller, finish, recorded_loop
+from support import PROJECT
+
+from ik_node.cli import report as command
+from ik_node.errors import InputError, RecordingError
+from ik_node.interfaces.step import Mode
+from ik_node.report.atomic_write import WRITERS, check_suffix, write_report
+from ik_node.report.html import as_html
+from ik_node.report.reported_run import ReportedRun, names_of, read_reported_runs
+from ik_node.report.table import as_table, metric_rows
+from ik_node.report.timeline import state_intervals
+
+BAGS = [PROJECT / "bags" / name for name in ("plain", "limit", "singularity")]
+
+
+@pytest.fixture(scope="module")
+def several() -> tuple[ReportedRun, ...]:
+    return read_reported_runs(BAGS)
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> ReportedRun:
+    """A run that is paused with a reason that contains markup."""
+    directory = tmp_path_factory.mktemp("run") / "bag"
+    loop = recorded_loop(directory, {"rate_hz": 100.0, "method": "gravity_gradient"})
+    loop.run(0.1)
+    goal = loop.pose()
+    goal[:3, 3] += 0.05
+    for _ in range(10):
+        loop.target(goal)
+        loop.run(0.05)
+    controller: RecordedCaller = loop.controller  # type: ignore[assignment]
+    controller.pause(loop.now, "paused by <b>me</b> & you")
+    loop.run(0.5)
+    finish(loop)
+    return read_reported_runs([directory])[0]
+
+
+def test_html_is_one_complete_file(several: tuple[ReportedRun, ...], stopped: ReportedRun) -> None:
+    """Well-formed, with every section and page; no script, no external resource; recorded texts are escaped."""
+    for reported_runs in (several, (stopped,)):
+        text = as_html(reported_runs)
+        page = ET.fromstring(text.split("\n", 1)[1])
+        assert [section.get("id") for section in page.iter("section")] == [
+            "metrics",
+            "plots",
+            "timeline",
+            "parameters",
+            "versions",
+        ]
+        images = [image.get("src", "") for image in page.iter("img")]
+        assert len(images) == 4
+        assert all(source.startswith("data:image/svg+xml;base64,") for source in images)
+        assert not list(page.iter("script"))
+        assert not list(page.iter("link"))
+        assert not re.search(r'(src|href)="https?:', text)
+        for reported in reported_runs:
+            assert reported.name in text
+    assert "paused by &lt;b&gt;me&lt;/b&gt; &amp; you" in text
+    assert "gravity_gradient" in text, "a parameter that differs from its default"
+
+
+def test_timeline_has_every_state_with_its_reason(stopped: ReportedRun) -> None:
+    """In order, without gaps: holding, tracking, ramping, paused."""
+    found = state_intervals(stopped)
+    modes = [entry.mode for entry in found]
+    assert modes.index(Mode.TRACKING) < modes.index(Mode.PAUSED)
+    assert "paused by <b>me</b> & you" in [entry.reason for entry in found if entry.mode is Mode.PAUSED]
+    assert [entry.number for entry in found] == list(range(1, len(found) + 1))
+    for first, second in itertools.pairwise(found):
+        assert first.begin_s + first.duration_s == pytest.approx(second.begin_s)
+
+
+def test_table_compares_several_recordings(several: tuple[ReportedRun, ...]) -> None:
+    """Each column equals the table of that recording alone; times are relative to the first target."""
+    table = as_table(several)
+    assert table.splitlines()[0].split() == ["plain", "limit", "singularity"]
+    by_label = {row.label: row.values for row in metric_rows(several)}
+    assert len(by_label) > 30
+    for index, reported in enumerate(several):
+        alone = {row.label: row.values[0] for row in metric_rows([reported])}
+        assert {label: values[index] for label, values in by_label.items() if label in alone} == alone
+        assert reported.times_s[0] < 0.0 < reported.times_s[-1]
+    assert float(by_label["smallest singular value [m]"][2]) < 0.01 < float(by_label["smallest singular value [m]"][0])
+
+
+@pytest.mark.parametrize("ending", sorted(WRITERS))
+def test_every_format_is_written_for_one_and_for_several(
+    several: tuple[ReportedRun, ...], stopped: ReportedRun, tmp_path: Path, ending: str
+) -> None:
+    for name, reported_runs in (("one", (stopped,)), ("several", several)):
+        path = tmp_path / f"{name}{ending}"
+        write_report(reported_runs, path)
+        data = path.read_bytes()
+        assert len(data) > 20_000
+        if ending == ".pdf":
+            assert len(re.findall(rb"/Type /Page\b", data)) == 4
+    with pytest.raises(RecordingError, match="cannot be written"):
+        write_report((stopped,), tmp_path / "nowhere" / path.name)
+
+
+def test_failed_writing_keeps_the_existing_file(
+    stopped: ReportedRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.svg"
+    path.write_text("previous")
+
+    def fail(reported_runs: Sequence[ReportedRun], target: Path) -> None:
+        target.write_text("half")
+        raise RecordingError("no space left")
+
+    monkeypatch.setitem(WRITERS, ".svg", fail)
+    with pytest.raises(RecordingError, match="no space"):
+        write_report((stopped,), path)
+    assert path.read_text() == "previous"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["report.svg"]
+
+
+def test_same_recordings_give_the_same_bytes(several: tuple[ReportedRun, ...], tmp_path: Path) -> None:
+    for name in ("one.pdf", "other.pdf"):
+        write_report(several[:1], tmp_path / name)
+    assert (tmp_path / "one.pdf").read_bytes() == (tmp_path / "other.pdf").read_bytes()
+
+
+def test_names_of_recordings_are_distinct() -> None:
+    assert names_of([Path("/a/monday/bag"), Path("/a/tuesday/bag")]) == ("monday", "tuesday")
+    assert names_of([Path("/a/x/run"), Path("/b/x/run")]) == ("a/x/run", "b/x/run")
+    assert names_of([Path("/a/run"), Path("/a/run")]) == ("run", "run (2)")
+
+
+def test_command_line_writes_the_requested_formats(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files are named after the recordings; the JSON is a list of finite metrics; errors give exit code 2."""
+    monkeypatch.chdir(tmp_path)
+    assert command.main([str(bag) for bag in BAGS[:2]] + ["--html", "--json"]) == 0
+    written = capsys.readouterr()
+    assert Path("report_plain_limit.html").is_file()
+    assert "report_plain_limit.html" in written.err
+    metrics = json.loads(written.out)
+    assert [entry["name"] for entry in metrics] == ["plain", "limit"]
+    assert np.isfinite([entry["tracking"]["settled"]["position_rms_mm"] for entry in metrics]).all()
+    assert command.main([str(BAGS[0]), str(tmp_path / "absent")]) == 2
+    assert "absent" in capsys.readouterr().err
+    assert command.main([str(BAGS[0]), "--out", "report.doc"]) == 2
+    assert ".png" in capsys.readouterr().err
+    with pytest.raises(InputError, match="valid"):
+        check_suffix(Path("report.doc"))

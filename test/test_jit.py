@@ -1,0 +1,135 @@
+"""The stored machine code: what its key covers, and that importing the module has no side effect."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from support import PROJECT
+
+PACKAGE = PROJECT / "ik_node"
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
+COMPILERS = {"compiled", "elementwise"}
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(PROJECT).with_suffix("").parts).removesuffix(".__init__")
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def defines_compiled_functions(module: str) -> bool:
+    """As :mod:`ik_node.jit` decides it."""
+    return "\nfrom ik_node.jit import" in MODULES[module].read_text()
+
+
+def belongs_to_key(module: str) -> bool:
+    """The records of interfaces/ do, too: compiled functions take and return them."""
+    return defines_compiled_functions(module) or module.startswith("ik_node.interfaces.")
+
+
+def imported_names(tree: ast.Module) -> dict[str, tuple[str, str]]:
+    """Name in this module -> module of the package and name there; the name is empty for a module."""
+    found: dict[str, tuple[str, str]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ik_node"):
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found[alias.asname or alias.name] = (whole, "") if whole in MODULES else (str(node.module), alias.name)
+    return found
+
+
+def compiled_functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    """Functions that are decorated with, or passed to, one of the compilers."""
+    passed = {
+        argument.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in COMPILERS
+        for argument in node.args
+        if isinstance(argument, ast.Name)
+    }
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef):
+            decorators = {decorator.id for decorator in node.decorator_list if isinstance(decorator, ast.Name)}
+            if decorators & COMPILERS or node.name in passed:
+                yield node
+
+
+def foreign_constants(function: ast.FunctionDef, names: dict[str, tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Module and name of every constant of another module that ``function`` uses."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.Name) and CONSTANT.fullmatch(node.id) and node.id in names:
+            yield names[node.id]
+        elif isinstance(node, ast.Attribute) and CONSTANT.fullmatch(node.attr) and isinstance(node.value, ast.Name):
+            module, name = names.get(node.value.id, ("", "x"))
+            if not name:
+                yield module, node.attr
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if defines_compiled_functions(name)])
+def test_constants_of_compiled_functions_belong_to_the_key(module: str) -> None:
+    """numba compiles constants in; a constant in a module outside the key could change without a new compilation."""
+    tree = ast.parse(MODULES[module].read_text())
+    functions, names = list(compiled_functions(tree)), imported_names(tree)
+    assert functions or not COMPILERS & names.keys()
+    for function in functions:
+        for source, constant in foreign_constants(function, names):
+            assert belongs_to_key(source), f"{module}.{function.name} uses {source}.{constant}"
+
+
+def test_the_check_finds_a_constant_outside_the_key() -> None:
+    source = (
+        "from ik_node.jit import compiled\nfrom ik_node.errors import LIMIT\nfrom ik_node import errors\n"
+        "@compiled\ndef f(x): return x * LIMIT + errors.OTHER\n"
+    )
+    tree = ast.parse(source)
+    names = imported_names(tree)
+    found = [constant for function in compiled_functions(tree) for constant in foreign_constants(function, names)]
+    assert sorted(found) == [("ik_node.errors", "LIMIT"), ("ik_node.errors", "OTHER")]
+
+
+def run(code: str, package: Path, home: Path) -> str:
+    """Output of ``code`` with the package of ``package`` and an empty home."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_CACHE"))}
+    environment |= {"PYTHONPATH": str(package), "HOME": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=home, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_importing_creates_no_folder_and_leaves_numba_alone(tmp_path: Path) -> None:
+    code = "import numba; before = numba.config.CACHE_DIR; import ik_node.jit; print(before == numba.config.CACHE_DIR)"
+    assert run(code, PROJECT, tmp_path) == "True"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_declaring_a_function_leaves_numba_alone(tmp_path: Path) -> None:
+    code = "import numba; old = numba.config.CACHE_DIR; import ik_node.math.se3; print(old == numba.config.CACHE_DIR)"
+    assert run(code, PROJECT, tmp_path) == "True"
+
+
+def test_the_key_depends_on_the_path_and_the_source_of_compiled_functions(tmp_path: Path) -> None:
+    """A copy of the package at another place, then with another constant, then with another docstring elsewhere."""
+    code = "from ik_node.jit import cache_folder; print(cache_folder().name)"
+    copy = tmp_path / "copy"
+    shutil.copytree(PACKAGE, copy / "ik_node", ignore=shutil.ignore_patterns("__pycache__"))
+    here, there = run(code, PROJECT, tmp_path), run(code, copy, tmp_path)
+    assert here == run(code, PROJECT, tmp_path)
+    assert here != there
+    program = copy / "ik_node" / "differential_ik" / "exact_program.py"
+    program.write_text(program.read_text().replace("ROUNDING = 1e-12", "ROUNDING = 1e-13"))
+    changed = run(code, copy, tmp_path)
+    assert changed != there
+    errors = copy / "ik_node" / "errors.py"
+    errors.write_text(errors.read_text() + "\n# not compiled\n")
+    assert run(code, copy, tmp_path) == changed

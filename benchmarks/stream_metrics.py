@@ -1,8 +1,8 @@
 """Run a follower on a stream and measure error, lag, acceleration and jerk.
 
-The tool is ideal. The error is that with respect to the densest truth at the same time. Acceleration is the difference of the
-commanded velocity over one control step, written in {s}; jerk is the difference of the acceleration. The lag is the
-delay of the truth with the smallest RMS error, in whole steps. After a step of the target that is faster than the
+The tool is ideal. The error is that with respect to the densest truth at the same time. Acceleration is the difference
+of the commanded velocity over one control step, written in {s}; jerk is the difference of the acceleration. The lag is
+the delay of the truth with the smallest RMS error, in whole steps. After a step of the target that is faster than the
 reference may move, two seconds (and 0.3 s before it) count for accelerations, but not for errors and lag.
 """
 

@@ -25,12 +25,12 @@ _while_this_runs = ExitStack()
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--exhaustive``: also run the tests that are required before a release only."""
-    parser.addoption("--exhaustive", action="store_true", help="also run what only repeats on more cases")
+    parser.addoption("--exhaustive", action="store_true", help="also run the tests that repeat others with more cases")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile once what all test processes would otherwise compile at the same time; reserve a ROS domain for each."""
-    config.addinivalue_line("markers", "exhaustive: more cases of what quicker tests cover; run with --exhaustive")
+    config.addinivalue_line("markers", "exhaustive: more cases of quicker tests; run with --exhaustive")
     if not hasattr(config, "workerinput"):
         from ik_node.jit import is_cold
 
@@ -56,4 +56,4 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return
     for item in items:
         if item.get_closest_marker("exhaustive") is not None:
-            item.add_marker(pytest.mark.skip(reason="repeats of a sampled test; --exhaustive runs it"))
+            item.add_marker(pytest.mark.skip(reason="more cases of quicker tests: run with --exhaustive"))

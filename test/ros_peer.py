@@ -134,14 +134,14 @@ class Peer:
                 count, since = len(self.commands), time.monotonic()
             return time.monotonic() > since + silence_s
 
-        self.until("silence", silent, each)
+        self.until("no more commands", silent, each)
 
     def call(self, service_type: Any, name: str, request: Any, each: Callable[[], None] | None = None) -> Any:
         """Call a service and return its response."""
         client = self.node.create_client(service_type, name)
         self.until(f"service {name}", client.service_is_ready, each)
         future = client.call_async(request)
-        self.until(f"answer of {name}", future.done, each)
+        self.until(f"the response of {name}", future.done, each)
         self.node.destroy_client(client)
         return future.result()
 

@@ -322,7 +322,7 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
 
     peer.until("the refusal", lambda: "test/0: unknown frame 'nowhere'" in peer.reason, arm, send_obstacle)
     marker.header.frame_id = "panda_link0"
-    peer.until("the next good one", lambda: "refused" not in peer.reason, arm, send_obstacle)
+    peer.until("a valid obstacle", lambda: "refused" not in peer.reason, arm, send_obstacle)
 
 
 def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None:
@@ -331,7 +331,7 @@ def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None
     arm = holding(peer, tmp_path)
     other = peer.node.create_publisher(PoseStamped, "/ik_node/target_pose", qos.STREAM)
     driver = peer.node.create_publisher(JointState, "/joint_states", qos.STREAM)
-    peer.until("the crowd", lambda: "2 publishers on target_pose" in peer.reason, arm)
+    peer.until("the warning of two publishers", lambda: "2 publishers on target_pose" in peer.reason, arm)
     assert "joint_states" not in peer.reason
     peer.node.destroy_publisher(other)
     peer.until("one publisher", lambda: "publishers" not in peer.reason, arm)
@@ -385,4 +385,4 @@ def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Pat
     marker.action = Marker.DELETE
     peer.until("its end", lambda: "obstacles" not in there(), each, send_obstacle)
     peer.processes[0].stop(signal.SIGINT, 60.0)
-    peer.until("an empty screen", lambda: not shown)
+    peer.until("no markers", lambda: not shown)

@@ -1,4 +1,4 @@
-"""The arms of the benchmarks, and random positions of theirs."""
+"""The arms of the benchmarks and their random positions."""
 
 from __future__ import annotations
 

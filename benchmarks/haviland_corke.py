@@ -1,10 +1,11 @@
 """The experiment of Haviland and Corke on numerical inverse kinematics (Manipulator Differential Kinematics, 1 and 2).
 
-Their protocol: random problems and 100 random starts drawn with a fixed seed, uniform in the limits; the error is
-(p_d - p, rotation vector of R_d R') in base axes, E = 1/2 e'e, solved when E < 1e-6; a search takes up to 31 steps (or
-501) and the next start follows; optionally solutions that break a joint limit, once wrapped into -pi..pi, do not count.
+Their protocol: random problems and 100 random starts are drawn with a fixed seed, uniformly within the limits. The
+error is (p_d - p, rotation vector of R_d R') in base axes, E = 1/2 e'e; a problem is solved when E < 1e-6. A search
+takes up to 31 steps (or 501); then the next start follows. Optionally, solutions that violate a joint limit after
+wrapping into -pi..pi do not count.
 
-All problems run side by side: only the forward kinematics is a loop.
+All problems are computed in one batch; only the forward kinematics is a loop.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class SearchStatistics(NamedTuple):
     mean_searches: float
     max_searches: int
     outside_percent: float
-    """Solutions outside the joint limits, where those are accepted."""
+    """Solutions outside the joint limits, if those are accepted."""
 
 
 def newton(jacobian: Array, error: Array, energy: Array) -> Array:
@@ -88,7 +89,7 @@ def run(
 ) -> SearchStatistics:
     """Run the experiment with ``problems`` poses, at most ``steps`` + 1 steps per search and ``searches`` searches."""
     lower, upper = robot.limits.lower, robot.limits.upper
-    # Their figures come from numpy's legacy generator; a RandomState of our own gives the same numbers.
+    # The published figures use numpy's legacy generator; a separate RandomState gives the same numbers.
     random = np.random.RandomState(seed)
     targets = random.uniform(size=(problems, robot.n)) * (upper - lower) + lower
     starts = random.uniform(size=(100, robot.n)) * (upper - lower) + lower
@@ -133,7 +134,7 @@ def _step(method: SearchMethod, jacobian: Array, error: Array, energy: Array) ->
     try:
         return method.step(jacobian, error, energy)
     except np.linalg.LinAlgError:
-        # One exactly singular matrix stops a whole stack: step one by one, and end the search that cannot.
+        # One exactly singular matrix makes the whole stack fail: solve one by one, and end the searches that fail.
         steps = np.full((len(error), jacobian.shape[2]), np.nan)
         for index in range(len(error)):
             one = slice(index, index + 1)

@@ -1,4 +1,4 @@
-"""``ik_benchmark obstacles``: gradients against differences, scenes driven past, obstacles on the path, speed."""
+"""``ik_benchmark obstacles``: gradients against differences, motions beside obstacles, obstacles on the path, speed."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def speed(ticks: int = 3000) -> SectionResult:
 
 
 def conservative() -> SectionResult:
-    """List by how much hulls exceed their links, and which pairs are checked."""
+    """List by how much hulls exceed their links, and the checked pairs."""
     lines = []
     for name in ("panda", "ur5", "ur10", "ur3", "xarm7", "kinova", "talos_arm"):
         geometry = collision_geometry.load(arm(name))

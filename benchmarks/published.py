@@ -4,7 +4,7 @@ TRAC-IK: the table of its README (v1.5.1): 10,000 random reachable joint positio
 allowed, start at the middle of the joint limits, limits kept, times include failures.
 
 Haviland and Corke, Manipulator Differential Kinematics, parts 1 and 2 (arXiv 2207.01796, 2207.01794), as computed by
-their notebooks (github.com/jhavl/dkt); the protocol stands in :mod:`benchmarks.haviland_corke`.
+their notebooks (github.com/jhavl/dkt); :mod:`benchmarks.haviland_corke` describes the protocol.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRAC_IK = {
 
 
 class PublishedRow(NamedTuple):
-    """A row of Haviland and Corke, with that of their C++ solver for the same method where there is one."""
+    """A row of Haviland and Corke, with the row of their C++ solver for the same method if there is one."""
 
     method: str
     mean_iterations: float

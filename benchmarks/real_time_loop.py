@@ -32,7 +32,7 @@ from ik_node.trajectory.shapes import figure_of_eight
 START = np.array((0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398))
 TARGET_RATE_HZ = 50.0
 BUSY_WAIT_S = 2e-4
-"""Part of each wait that is spent in a busy loop, because sleep is not exact."""
+"""Part of each wait that is a busy loop, because sleep is not exact."""
 
 
 class StepTimes(NamedTuple):
@@ -135,7 +135,7 @@ def _wait_until(due_ns: int) -> None:
 class ProcessRecorder:
     """A :class:`ik_node.recording.mcap.writer.Recorder` whose file is written by another process behind a pipe.
 
-    Here to be measured beside the thread. It does not split, and counts nothing but what the pipe did not take.
+    For comparison with the thread. It does not split, and counts only messages that the pipe did not accept.
     """
 
     BATCH = 16

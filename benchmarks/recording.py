@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if not any(dropped) and worst <= LOSS_ALLOWED_S else 1
 
 
-# --- what it costs ---------------------------------------------------------------------------------------------------
+# --- cost for the control loop ---------------------------------------------------------------------------------------
 
 
 def cost(folder: Path, rate_hz: float, seconds: float, rounds: int) -> list[dict[str, Any]]:
@@ -106,7 +106,7 @@ def _size(directory: Path) -> int:
     return sum(path.stat().st_size for path in directory.iterdir())
 
 
-# --- what a kill costs -----------------------------------------------------------------------------------------------
+# --- loss by a kill --------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -208,7 +208,7 @@ def _child(parent: int, module: str) -> int:
         try:
             stat = (entry / "stat").read_text().rpartition(")")[2].split()
             command = (entry / "cmdline").read_bytes().decode(errors="replace")
-        except OSError:  # it ended meanwhile
+        except OSError:  # the process has ended
             continue
         if int(stat[1]) == parent and module in command:
             return int(entry.name)
@@ -223,7 +223,7 @@ def _resident_mb(process: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-# --- words -----------------------------------------------------------------------------------------------------------
+# --- text ------------------------------------------------------------------------------------------------------------
 
 
 def _text(document: dict[str, Any]) -> str:

@@ -145,7 +145,7 @@ def compare_gradient(
 
 
 def table(count: int, seed: int, anywhere: bool = False) -> SectionResult:
-    """Run ``count`` seeded scenes on the Panda and check what the gradient gains."""
+    """Run ``count`` seeded scenes on the Panda and check the benefit of the gradient."""
     robot = arm("panda")
     geometry = collision_geometry.load(robot, self_collision=False)
     lines = ["  seed   clearance plain   obstacle_gradient   gained   tool path moved by (RMS)   joint speed"]

@@ -1,6 +1,6 @@
 """Motions through, near and past singularities, with this package and two prototypes (scaling only, fading only).
 
-Targets are reachable and unreachable; starts are exactly singular and 1e-12 rad beside.
+Targets are reachable and unreachable; starts are exactly singular or at an offset of 1e-12 rad.
 """
 
 from __future__ import annotations
@@ -168,9 +168,9 @@ def solve(robot: Robot, pose: Array, q: Array) -> Array | None:
 def singularity_runs(speed: float = 0.15, seed: int = 5) -> list[SingularityRun]:
     """Return the motions of every singularity.
 
-    Past it at offsets of 0, 3 and 20 mm to both sides in two random directions; from it (and from 1e-12 rad beside)
-    along the lost direction and back, in both senses; into it from 6 cm away, beyond and back. ``speed`` is in m/s,
-    with rotations times the characteristic length.
+    Past it at offsets of 0, 3 and 20 mm to both sides in two random directions; from it (and from an offset of 1e-12
+    rad) along the lost direction and back, in both senses; into it from 6 cm away, beyond and back. ``speed`` is in
+    m/s, with rotations times the characteristic length.
     """
     rng, result = np.random.default_rng(seed), []
     for place in singularities():
@@ -261,7 +261,7 @@ def _closest(robot: Robot, pose: Array, q: Array) -> Array | None:
 def measure(
     drive: SingularityRun, way: Callable[[Robot, Settings], TwistSolver], settings: Settings = SETTINGS
 ) -> tuple[PassMetrics, LoopRun]:
-    """Make the run and its figures; ``way`` is :func:`ours`, :func:`exact` or :func:`faded`."""
+    """Run the motion and return its figures; ``way`` is :func:`ours`, :func:`exact` or :func:`faded`."""
     robot = drive.place.robot
     run = follow(robot, drive.target, drive.q, way(robot, settings), drive.target.duration_s + REST_S)
     path = path_error(drive.target, drive.target.duration_s, run.pose[::5])

@@ -1,4 +1,5 @@
-"""Streams of target poses for the benchmarks: made of formulas, or decimated recordings; and their transport."""
+"""Streams of target poses for the benchmarks: generated from formulas or decimated from recordings; and their
+transport."""
 
 from __future__ import annotations
 
@@ -120,7 +121,7 @@ def screw(rate_hz: float) -> Stream:
 
 
 class RandomWalk:
-    """An unpredictable motion, as of a hand: sines of many frequencies up to 3 Hz in every direction."""
+    """An unpredictable motion, like that of a hand: sines of many frequencies up to 3 Hz in every direction."""
 
     duration_s = 12.0
 
@@ -198,7 +199,7 @@ def real(
 ) -> Iterator[tuple[Stream, tuple[StreamNoise, ...]]]:
     """Yield the recordings in ``data``, as sent or decimated to the rates, with the noises to apply.
 
-    ``start_pose`` (4, 4) provides what a recording lacks: orientation, height, or start.
+    ``start_pose`` (4, 4) replaces missing parts of a recording: orientation, height, or start.
     """
     missing = absent(data)
     if "task board" not in missing:

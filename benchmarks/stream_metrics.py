@@ -1,9 +1,9 @@
-"""Runs a follower on a stream and measures it: error, lag, acceleration and jerk.
+"""Run a follower on a stream and measure error, lag, acceleration and jerk.
 
-The tool is ideal. The error is that to the densest truth at the same time. Acceleration is the difference of the
-commanded velocity over one control step, written in {s}; jerk the difference of that. The lag is the delay of the truth
-with the smallest RMS error, in whole steps. Two seconds after a step of the target faster than the reference may move
-(and 0.3 s before it) do not count for errors and lag, but for accelerations.
+The tool is ideal. The error is that with respect to the densest truth at the same time. Acceleration is the difference
+of the commanded velocity over one control step, written in {s}; jerk is the difference of the acceleration. The lag is
+the delay of the truth with the smallest RMS error, in whole steps. After a step of the target that is faster than the
+reference may move, two seconds (and 0.3 s before it) count for accelerations, but not for errors and lag.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ik_node.settings.groups import TargetSettings
 TICK_S = 0.002
 LONGEST_LAG_S = 0.2
 SKIPPED_S = 0.5
-"""Start of each stream that does not count: the followers do not know its velocity yet."""
+"""Start of each stream that does not count, because the followers do not have its velocity yet."""
 
 
 class Track(NamedTuple):

@@ -4,13 +4,13 @@ The arm is a Panda with the settings of config/panda.yaml. The "ideal" arm follo
 has one sample of delay, a first-order lag of 20 ms and encoder noise. The parameters ``arm_lag_s`` and ``arm_delay_s``
 describe it to the node, which also runs without them. Targets are (a) known as a whole: a trajectory with twists or a
 timed path, or (b) streams: generated ones, and real ones where their files exist. The error is that of the true tool
-pose with respect to the truth at the same time; the first 0.5 s do not count, nor does a step of a stream.
+pose with respect to the truth at the same time; the first 0.5 s and steps of a stream do not count.
 
 The baselines are P control through the pseudoinverse, without feed-forward and without acceleration limits: at 10 1/s,
 at its best gain, and "the whole error in one period, clipped" to 1 m/s and 2.5 rad/s at its best fraction of the error
 per period. The best gain has the least sum of RMS position error and 0.3 m times RMS orientation error. Accelerations
 are those of the vector of commanded joint velocities: peak and RMS of the change per control step, and over 20 ms; jerk
-is the change of the first. The exit code is 1 when a requirement is missed.
+is the change of the change per control step. The exit code is 1 when a requirement is not met.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ KNOWN_RATES_HZ = (250.0, 500.0, 1000.0)
 STREAM_RATE_HZ = 500.0
 DECIMATED_HZ = 30.0
 MIN_DURATION_S = 0.75
-"""Shortest target: half a second does not count, and figures over 20 ms need some time."""
+"""Shortest target: half a second does not count, and figures over 20 ms need a minimum duration."""
 ASKED = ("task board", "camera", "letter h", "letter e", "co-manipulation")
 ARMS = ("ideal", "lagged")
 PARTS = ("known", "made", "real", "dds")
@@ -171,7 +171,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the figures; return 1 when a requirement is missed."""
+    """Print the figures; return 1 when a requirement is not met."""
     given = parser().parse_args(arguments)
     if 0.0 < given.seconds < MIN_DURATION_S:
         raise InputError(

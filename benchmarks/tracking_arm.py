@@ -1,7 +1,7 @@
 """A simulated arm as a follower of streams, controlled by the controller of the node or by a baseline.
 
-So :func:`benchmarks.stream_metrics.follow` therefore runs an arm with lag, delay and noise like an ideal tool; the
-figures are those of the true tool pose.
+:func:`benchmarks.stream_metrics.follow` therefore runs an arm with lag, delay and noise like an ideal tool; the figures
+are those of the true tool pose.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class NodeController:
             self._controller.on_target_trajectory(self._known._replace(stamp_ns=zero_ns), before)
 
     def add(self, pose_sd: Array, stamped: Stamped) -> None:
-        """Take a target; without a stamp when only its arrival is known."""
+        """Add a target; without a stamp if only its time of arrival is known."""
         if self._known is not None:
             return
         time_ns, received_ns, _ = stamped

@@ -69,7 +69,7 @@ def _real(data: Path) -> Iterator[Sent]:
 
 
 def _placed(how: PoseFileFormat) -> PoseFileFormat:
-    """Yield the streams; relative motions start where those of the other parts do."""
+    """Yield the streams; relative motions start at the same pose as in the other parts."""
     robot, _ = panda(1.0 / TICK_S)
     x, y, z = (start_of_streams(robot)[:3, 3] - robot.pose(READY)[:3, 3]).tolist()
     return dataclasses.replace(how, offset=(x, y, z)) if how.relative else how
@@ -87,9 +87,9 @@ def write_wander(path: Path) -> None:
 
 
 def tracked(sent: Sent, out: Path, seconds: float) -> tuple[FollowerResult, float]:
-    """The node's row from a recording made in the folder ``out``, and the sample period in s.
+    """Return the node's row from a recording made in the folder ``out``, and the sample period in s.
 
-    IkNodeError with what it said when ik_demo does not go to its end.
+    Raises IkNodeError with the output of ik_demo when ik_demo fails.
     """
     command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--robot", "panda", "--out", str(out)]
     command += ["--trajectory", str(sent.file), *_arguments(sent.how)]
@@ -151,7 +151,7 @@ def _stopped_s(run: Run, begin_s: float, end_s: float) -> float:
 
 
 def _matrices(poses: Poses) -> Array:
-    """(m, 4, 4)."""
+    """Return pose matrices, (m, 4, 4)."""
     result = np.repeat(np.eye(4)[None], len(poses.position), axis=0)
     result[:, :3, 3] = poses.position
     result[:, :3, :3] = [se3.rotation_from_quaternion(quaternion) for quaternion in poses.quaternion]

@@ -135,7 +135,7 @@ class TrackingCase:
         return self.node(None, f"{NODE}, no acc. limit", {"limits.acceleration": (NO_LIMIT,)})
 
     def baselines(self, searched: bool = True) -> list[FollowerResult]:
-        """P control at :data:`~benchmarks.streams.GAIN`, at its best gain, and the whole error clipped.
+        """Return P control at :data:`~benchmarks.streams.GAIN`, at its best gain, and the whole error clipped.
 
         Only the first unless ``searched``.
         """

@@ -1,7 +1,7 @@
 """Targets and arm of ``ik_benchmark tracking``.
 
 Circle, figure of eight and a path through waypoints are known as a whole: the node receives each as one message, the
-baselines receive the current pose at every control step. Generated streams are moved to where the arm reaches them.
+baselines receive the current pose at every control step. Generated streams are moved into the workspace of the arm.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _derivatives(motion: Trajectory, time_s: float) -> tuple[Array, Array]:
         steps.append(np.concatenate((there[:3, 3] - here[:3, 3], turn)))
     a, b, c, d = steps
     first = (a - 8.0 * b + 8.0 * c - d) / (12.0 * DIFFERENCE_S)
-    # at the base point the rotation vector's second derivative is the angular acceleration
+    # at the base point, the second derivative of the rotation vector is the angular acceleration
     second = (-a + 16.0 * b + 16.0 * c - d) / (12.0 * DIFFERENCE_S**2)
     return first, second
 

@@ -1,4 +1,4 @@
-"""Arms written for the tests, whose collision geometry is simple enough to reason about; positions of any arm."""
+"""Test arms with collision geometry that has closed-form distances; random positions of any arm."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from ik_node.robot.robot import Robot
 
 
 def random_position(robot: Robot, rng: np.random.Generator) -> Array:
-    """q, (n,), uniform in the limits, in one turn where there are none."""
+    """Draw q, (n,), uniformly within the limits; within one turn where there are none."""
     lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
     upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
     return rng.uniform(lower, upper)
 
 
 def ball_arm(joint_types: str = "rrrrrr", base_offset: str = "0 0 0") -> Robot:
-    """Links 0.3 m long, each with one ball of 5 cm at its end; joints about (along) y, z, x in turn.
+    """Arm of links of 0.3 m, each with one ball of 5 cm at its end; joints about (along) y, z, x in turn.
 
-    ``base_offset``: x y z of the first joint; the base frame is that of a plate that stands rotated against the root.
+    ``base_offset``: x y z of the first joint; the base frame is that of a plate that is rotated relative to the root.
     """
     axes = ("0 1 0", "0 0 1", "1 0 0")
     parts = [

@@ -1,4 +1,4 @@
-"""What has to be settled before rclpy is loaded: tests talk to nobody but themselves."""
+"""Set-up before rclpy is loaded: test processes do not communicate with other processes on the computer."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _while_this_runs = ExitStack()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--exhaustive``: what is run before a release."""
-    parser.addoption("--exhaustive", action="store_true", help="also run what only repeats on more cases")
+    """Add ``--exhaustive``: also run the tests that are required before a release only."""
+    parser.addoption("--exhaustive", action="store_true", help="also run the tests that repeat others with more cases")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compiles once what the test processes would else all compile at the same time; gives each a ROS domain."""
-    config.addinivalue_line("markers", "exhaustive: more cases of what quicker tests cover; run with --exhaustive")
+    """Compile once what all test processes would otherwise compile at the same time; reserve a ROS domain for each."""
+    config.addinivalue_line("markers", "exhaustive: more cases of quicker tests; run with --exhaustive")
     if not hasattr(config, "workerinput"):
         from ik_node.jit import is_cold
 
@@ -41,19 +41,19 @@ def pytest_configure(config: pytest.Config) -> None:
             from ik_node.settings.groups import Settings
 
             warm_up(make_robot("panda"), Settings())
-    # For every process that a test starts without saying where.
+    # Default for every process that a test starts without a domain of its own.
     os.environ["ROS_DOMAIN_ID"] = str(_while_this_runs.enter_context(own_domain()))
 
 
 def pytest_unconfigure() -> None:
-    """Gives the domain back."""
+    """Release the domain."""
     _while_this_runs.close()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves the exhaustive tests out unless they are asked for."""
+    """Skip the exhaustive tests unless ``--exhaustive`` is given."""
     if config.getoption("--exhaustive"):
         return
     for item in items:
         if item.get_closest_marker("exhaustive") is not None:
-            item.add_marker(pytest.mark.skip(reason="more of the same: --exhaustive runs it"))
+            item.add_marker(pytest.mark.skip(reason="more cases of quicker tests: run with --exhaustive"))

@@ -1,6 +1,7 @@
-"""ROS domains that nobody else who runs these tests is in: no other worker, no other run, on this computer.
+"""Reservation of ROS domains: no two test processes on this computer use the same domain.
 
-A domain is reserved by a lock on a file, which the system gives back when its owner ends, however it ends.
+A domain is reserved by a lock on a file. The operating system releases the lock when the process ends, also after a
+crash.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from pathlib import Path
 
 FOLDER = Path(tempfile.gettempdir()) / f"ik_node_test_domains_{os.getuid()}"
 DOMAINS = range(1, 102)
-"""Not 0, which is everybody's; above 101 the ports meet those that Linux gives to anyone who asks."""
+"""0 is excluded because it is the default domain; above 101 the ports overlap with the ephemeral ports of Linux."""
 PATIENCE_S = 600.0
 
 _next = os.getpid()
-"""Where to look first: a domain is best left alone for a while after its use."""
+"""Next domain to try: a domain that was just released is not reused immediately."""
 
 
 def free_domain(folder: Path) -> tuple[int, int] | None:
-    """A domain that is now ours and the descriptor that keeps it so; None when all are taken."""
+    """Reserve a domain; return it with the file descriptor that holds the lock, or None when all are in use."""
     global _next  # noqa: PLW0603
     folder.mkdir(parents=True, exist_ok=True)
     for _ in DOMAINS:
@@ -41,7 +42,7 @@ def free_domain(folder: Path) -> tuple[int, int] | None:
 
 @contextmanager
 def own_domain(folder: Path = FOLDER) -> Iterator[int]:
-    """A domain for as long as this lasts; waits while all of them are taken."""
+    """Reserve a domain for the duration of the context; wait while all are in use."""
     until = time.monotonic() + PATIENCE_S
     while (found := free_domain(folder)) is None:
         if time.monotonic() > until:

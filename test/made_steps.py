@@ -1,4 +1,4 @@
-"""Steps and runs that no controller made: every field filled, the awkward values too."""
+"""Synthetic steps and runs: every field is set, including special values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STOPPED = Status(Level.ERROR, Mode.STOPPED, "no joint state for 0.1 s: überprü
 
 
 def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> Step:
-    """A Step of random numbers; the same arguments give the same bits."""
+    """Return a Step of random numbers; the same arguments give the same bits."""
     rng = np.random.default_rng((seed, tick, n))
     monotonic_ns = 3 * NS + 7 + tick * period_ns
     twists = [rng.normal(size=6) for _ in range(4)]
@@ -53,7 +53,7 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
 
 
 def stopped_step(tick: int, n: int) -> Step:
-    """A Step of a stopped tick: zeros commanded, nothing computed."""
+    """Return a Step of a stopped control step: zero commands, nothing computed."""
     step = made_step(tick, n)
     nan = float("nan")
     nothing: dict[str, Any] = {
@@ -65,7 +65,7 @@ def stopped_step(tick: int, n: int) -> Step:
 
 
 def same_bits(first: object, second: object) -> bool:
-    """Equal to the last bit: NaN equals NaN, -0.0 is not 0.0."""
+    """True if equal to the last bit: NaN equals NaN, -0.0 differs from 0.0."""
     if isinstance(first, tuple) and isinstance(second, tuple):
         return len(first) == len(second) and all(map(same_bits, first, second))
     if isinstance(first, (np.ndarray, float)) and isinstance(second, (np.ndarray, float)):
@@ -80,7 +80,7 @@ def panda() -> Robot:
 
 
 def steps(count: int, n: int = 7) -> list[Step]:
-    """Steps of a run; a few in the middle are stopped."""
+    """Return the Steps of a run; a few in the middle are stopped."""
     return [
         stopped_step(tick, n) if count // 2 <= tick < count // 2 + 3 else made_step(tick, n) for tick in range(count)
     ]

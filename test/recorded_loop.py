@@ -1,7 +1,7 @@
-"""A controller whose calls are recorded as the node records them, to be put into a :class:`loop.Loop`.
+"""A controller whose calls are recorded as the node records them, for use in a :class:`loop.Loop`.
 
-The file is written without a thread, every ``flush_period_s`` of the loop's own time: where chunks and parts begin, and
-what a full queue leaves out, is the same on every machine.
+The file is written without a thread, every ``flush_period_s`` of simulated time. Chunk and part boundaries, and the
+messages that a full queue drops, are therefore the same on every machine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ik_node.settings.groups import Settings
 
 
 class RecordedCaller:
-    """Has the methods of a controller; passes calls on through the bytes that would have come over DDS."""
+    """Has the methods of a controller; passes each call on through the bytes that DDS would deliver."""
 
     def __init__(
         self, controller: Controller, directory: Path, now: Instant, options: RecorderOptions | None = None
@@ -79,7 +79,7 @@ class RecordedCaller:
         self.call(CallKind.APPLY, now, settings)
 
     def call(self, kind: CallKind, now: Instant, argument: Any = None, data: bytes = b"") -> Step | None:
-        """Writes the file when it is due in simulated time, before the call rather than after it."""
+        """Write the file when it is due in simulated time, before the call rather than after it."""
         if now.monotonic_ns >= self._due_ns:
             self._due_ns = now.monotonic_ns + round(self._options.flush_period_s * NS)
             self.recording.write_pending()
@@ -89,19 +89,19 @@ class RecordedCaller:
 def recorded_loop(
     directory: Path, values: dict[str, Any] | None = None, name: str = "panda", options: RecorderOptions | None = None
 ) -> Loop:
-    """A loop of an arm at its ready posture, recorded from the start; ``values``: parameters."""
+    """Return a loop of an arm at its ready posture, recorded from the start; ``values``: parameters."""
     loop = Loop(make_robot(name), READY[name], Settings().with_values(values or {}))
     record(loop, directory, options)
     return loop
 
 
 def record(loop: Loop, directory: Path, options: RecorderOptions | None = None) -> None:
-    """From now on the loop is recorded."""
+    """Record the loop from now on."""
     loop.controller = RecordedCaller(loop.controller, directory, loop.now, options)  # type: ignore[assignment]
 
 
 def finish(loop: Loop) -> RunRecording:
-    """Ends the recording; it must have gone well."""
+    """End the recording; fail if it reported an error."""
     recording: RunRecording = loop.controller.recording  # type: ignore[attr-defined]
     recording.close()
     assert recording.error == ""

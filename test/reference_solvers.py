@@ -1,6 +1,6 @@
-"""The bounded optimum against independent solvers: a linear program for s (scipy's HiGHS), an equality-constrained
-least cost on the bounds that are active, the signs of their multipliers, and DAQP on the whole problem where nothing
-binds. They share no code with the package."""
+"""Reference solutions of the constrained problem by independent solvers: a linear program for s (scipy's HiGHS), an
+equality-constrained minimum on the active bounds, the signs of its multipliers, and DAQP on the whole problem where no
+bound is active. They share no code with the package."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Problem(NamedTuple):
 
 
 class Check(NamedTuple):
-    """What came of one problem; differences are ours minus the reference's."""
+    """Result of one problem; differences are the package's value minus the reference's."""
 
     binds: bool
     scale: float
@@ -44,19 +44,19 @@ class Check(NamedTuple):
     residual: float
     """Largest entry of J qd - J qd_0 - (s - s_0) V."""
     scale_difference: float
-    """NaN where scipy found no answer."""
+    """NaN where scipy found no solution."""
     deviation_difference: float
-    """Of \\|J qd - s V\\|, how far the tool is from moving along V, over 1 + \\|V\\|."""
+    """Difference of \\|J qd - s V\\|, the deviation of the tool motion from V, divided by 1 + \\|V\\|."""
     cost_difference: float
     """Relative to 1 + the reference's |cost|."""
     multiplier_error: float
-    """By how much the stationarity condition fails with multipliers of the right sign; 0 at the optimum."""
+    """Violation of the stationarity condition with multipliers of the right sign; 0 at the optimum."""
     closed_form_difference: float
-    """Largest entry of closed form minus DAQP, rad/s; NaN where something binds."""
+    """Largest entry of closed form minus DAQP, rad/s; NaN where a bound is active."""
 
 
 def problem(robot: Robot, method: str, rng: np.random.Generator) -> Problem:
-    """A random position, at rest or moving, near a position limit now and then, and a twist from gentle to absurd."""
+    """Draw a random position, at rest or moving, sometimes near a position limit, and a small to very large twist."""
     limits = motion_limits(robot, LimitSettings(), 1.0 / PERIOD_S)
     q = random_position(robot, rng)
     close = rng.uniform(size=robot.n) < 0.05
@@ -81,7 +81,7 @@ def problem(robot: Robot, method: str, rng: np.random.Generator) -> Problem:
 
 
 def check(task: Problem) -> Check:
-    """Solves ``task`` and compares."""
+    """Solve ``task`` and compare with the references."""
     answer = constrained.solve(task.jacobian, task.twist, task.lo, task.hi, task.weight, task.gradient, task.gain)
     qd, base = answer.joint_velocity, answer.base_velocity
     goal = task.jacobian @ base + (answer.task_scale - answer.base_scale) * task.twist
@@ -103,21 +103,21 @@ def check(task: Problem) -> Check:
 
 
 def least_deviation(task: Problem) -> float:
-    """The smallest \\|J qd - s V\\| by scipy's bounded least squares in (qd, s)."""
+    """Smallest \\|J qd - s V\\| by scipy's bounded least squares in (qd, s)."""
     lower, upper = np.append(task.lo, 0.0), np.append(task.hi, 1.0)
-    # A box that is a point in one direction is no box for scipy.
+    # scipy does not accept a box of zero width in one direction.
     upper = np.where(upper > lower, upper, lower + 1e-15)
     matrix = np.column_stack((task.jacobian, -task.twist))
     goal = np.zeros(len(task.twist))
-    # Either of scipy's two methods may stop short of the optimum.
+    # Either of scipy's two methods may stop before the optimum.
     found = [lsq_linear(matrix, goal, (lower, upper), method=method, tol=1e-14) for method in ("bvls", "trf")]
     return min(float(np.linalg.norm(matrix @ np.clip(answer.x, lower, upper))) for answer in found)
 
 
 def largest_scale(task: Problem, astray: Array) -> float:
-    """s by scipy's linear program in (qd, s), J qd = ``astray`` + s V; NaN where it finds none.
+    """Largest s by scipy's linear program in (qd, s), J qd = ``astray`` + s V; NaN where it finds none.
 
-    The rows of the equality are made orthonormal first (J' = Q R): its tolerances are absolute.
+    The rows of the equality are made orthonormal first (J' = Q R), because the solver's tolerances are absolute.
     """
     n = task.jacobian.shape[1]
     goal = np.zeros(n + 1)
@@ -138,7 +138,7 @@ def largest_scale(task: Problem, astray: Array) -> float:
 def cost_difference(
     task: Problem, answer: constrained.ConstrainedSolution, weight: Array, pull: Array, goal: Array
 ) -> float:
-    """Our cost minus the least cost with the same J qd and the same joints at their bounds, relative."""
+    """Cost minus the least cost with the same J qd and the same joints at their bounds, relative."""
     qd, fixed = answer.joint_velocity, answer.at_lower | answer.at_upper
     loose, other = np.flatnonzero(~fixed), qd.copy()
     if len(loose):
@@ -161,7 +161,7 @@ def cost_difference(
 
 
 def multiplier_error(task: Problem, qd: Array, weight: Array, pull: Array) -> float:
-    """How far W qd + k grad_h is from J' lambda + mu, mu >= 0 at lower bounds and <= 0 at upper ones."""
+    """Distance of W qd + k grad_h from J' lambda + mu, with mu >= 0 at lower bounds and <= 0 at upper bounds."""
     slope = weight @ qd + pull
     eye = np.eye(len(qd))
     low, high = eye[qd <= task.lo + 1e-10], -eye[qd >= task.hi - 1e-10]
@@ -172,7 +172,7 @@ def multiplier_error(task: Problem, qd: Array, weight: Array, pull: Array) -> fl
 
 
 def whole_program(task: Problem, weight: Array, pull: Array) -> Array:
-    """DAQP on the problem as it stands: W, J qd = V, the box."""
+    """Solve the unmodified problem with DAQP: W, J qd = V, the box."""
     m, n = task.jacobian.shape
     upper, lower = np.concatenate((task.hi, task.twist)), np.concatenate((task.lo, task.twist))
     sense = np.concatenate((np.zeros(n, dtype=np.int32), np.full(m, 5, dtype=np.int32)))

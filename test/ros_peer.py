@@ -1,4 +1,4 @@
-"""The other end of the node under test: real processes, real DDS, a domain of its own for every test."""
+"""Counterpart of the node under test: real processes and real DDS, with a separate domain for every test."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from ik_node.ros import qos  # noqa: E402
 from ik_node.ros.child_process import NodeProcess  # noqa: E402
 
 CALM = ["-p", "rate_hz:=50.0", "-p", "state.timeout_s:=10.0", "-p", "follow.enabled:=false"]
-"""Supervision tolerates late joint states: 15 Hz are enough."""
+"""The state machine tolerates late joint states, so 15 Hz are enough."""
 PATIENCE_S = 120.0
-"""What comes at all has come by then, however busy the machine is."""
+"""Time-out after which an expected message counts as missing, also on a busy machine."""
 
 
 class Peer:
-    """Drives and watches a node called ``/ik_node`` (or another name) in one domain."""
+    """Sends input to and receives output from a node called ``/ik_node`` (or another name) in one domain."""
 
     def __init__(self, domain: int, node_name: str = "/ik_node") -> None:
         self.domain = domain
@@ -57,7 +57,7 @@ class Peer:
     # --- the process under test --------------------------------------------------------------------------------------
 
     def start(self, executable: str, folder: Path, arguments: Sequence[str] = ()) -> NodeProcess:
-        """Starts an executable of the package in this domain; it is stopped when the test ends."""
+        """Start an executable of the package in this domain; it is stopped when the test ends."""
         environment = {"ROS_DOMAIN_ID": str(self.domain)}
         log = folder / f"{executable}_{len(self.processes)}.log"
         process = NodeProcess(f"ik_node.cli.{executable}", arguments, environment, log)
@@ -65,23 +65,23 @@ class Peer:
         return process
 
     def close(self) -> None:
-        """Stops what was started and leaves the domain."""
+        """Stop the started processes and leave the domain."""
         for process in self.processes:
             process.stop(signal.SIGTERM, 30.0)
         self.executor.shutdown(0.5)
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
-    # --- driving -----------------------------------------------------------------------------------------------------
+    # --- input -------------------------------------------------------------------------------------------------------
 
     def send_state(self, names: Sequence[str], position: Sequence[float] | Array) -> None:
-        """Publishes a joint state stamped now."""
+        """Publish a joint state with the present time as stamp."""
         message = JointState(name=list(names), position=[float(value) for value in position])
         message.header.stamp = self.node.get_clock().now().to_msg()
         self._states.publish(message)
 
     def send_target(self, pose: Array, frame: str, scale_quaternion: float = 1.0) -> None:
-        """Publishes a target stamped now."""
+        """Publish a target with the present time as stamp."""
         message = PoseStamped()
         message.header.frame_id = frame
         message.header.stamp = self.node.get_clock().now().to_msg()
@@ -92,7 +92,7 @@ class Peer:
         self._targets.publish(message)
 
     def spin(self, duration_s: float, each: Callable[[], None] | None = None, period_s: float = 0.004) -> None:
-        """Lets time pass; ``each`` is called every ``period_s`` or so."""
+        """Process callbacks for a duration; ``each`` is called about every ``period_s``."""
         until, next_s = time.monotonic() + duration_s, time.monotonic()
         while (now := time.monotonic()) < until:
             if each is not None and now >= next_s:
@@ -107,10 +107,11 @@ class Peer:
         each: Callable[[], None] | None = None,
         now_and_then: Callable[[], None] | None = None,
     ) -> None:
-        """Lets time pass until ``holds``; fails the test with what was known when it takes too long.
+        """Process callbacks until ``holds`` returns true; after the time-out the test fails and lists what was
+        received.
 
-        ``now_and_then`` is called at once and then every second: for a message that may come before the other side has
-        learned who sends it.
+        ``now_and_then`` is called at once and then every second, for messages that may be sent before the other side
+        has discovered the publisher.
         """
         begin = time.monotonic()
         again = begin
@@ -124,7 +125,7 @@ class Peer:
             self.spin(0.02, each)
 
     def until_silent(self, silence_s: float = 0.5, each: Callable[[], None] | None = None) -> None:
-        """Lets time pass until no command has come for so long; who goes on talking fails the test."""
+        """Process callbacks until no command has been received for a given time; further commands fail the test."""
         count, since = len(self.commands), time.monotonic()
 
         def silent() -> bool:
@@ -133,27 +134,27 @@ class Peer:
                 count, since = len(self.commands), time.monotonic()
             return time.monotonic() > since + silence_s
 
-        self.until("silence", silent, each)
+        self.until("no more commands", silent, each)
 
     def call(self, service_type: Any, name: str, request: Any, each: Callable[[], None] | None = None) -> Any:
-        """Calls a service and returns its response."""
+        """Call a service and return its response."""
         client = self.node.create_client(service_type, name)
         self.until(f"service {name}", client.service_is_ready, each)
         future = client.call_async(request)
-        self.until(f"answer of {name}", future.done, each)
+        self.until(f"the response of {name}", future.done, each)
         self.node.destroy_client(client)
         return future.result()
 
-    # --- watching ----------------------------------------------------------------------------------------------------
+    # --- output ------------------------------------------------------------------------------------------------------
 
     @property
     def mode(self) -> str:
-        """Mode that the node last stated."""
+        """Last mode that the node published."""
         return self.statuses[-1][0] if self.statuses else ""
 
     @property
     def reason(self) -> str:
-        """Its reason."""
+        """Reason of that mode."""
         return self.statuses[-1][1] if self.statuses else ""
 
     def _on_command(self, message: Float64MultiArray) -> None:
@@ -165,7 +166,7 @@ class Peer:
 
 
 class FakeArm:
-    """An arm played by the test: it integrates what it is told, and can fall silent or lie."""
+    """A simulated arm that integrates its commands; it can stop publishing or publish wrong states."""
 
     def __init__(self, peer: Peer, robot: Robot, position: Sequence[float]) -> None:
         self.peer = peer
@@ -174,7 +175,7 @@ class FakeArm:
         self._last_s = time.monotonic()
 
     def __call__(self) -> None:
-        """One joint state."""
+        """Publish one joint state."""
         now = time.monotonic()
         if self.peer.commands:
             self.position = self.position + min(now - self._last_s, 0.05) * self.peer.commands[-1]
@@ -188,7 +189,7 @@ class FakeArm:
 
 @contextmanager
 def peer_in_own_domain(node_name: str = "/ik_node") -> Iterator[Peer]:
-    """A peer in a domain that nobody else uses meanwhile."""
+    """A peer in a reserved domain."""
     with own_domain() as domain:
         peer = Peer(domain, node_name)
         try:

@@ -1,4 +1,4 @@
-"""What several tests share."""
+"""Helpers that several tests share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PROJECT = Path(__file__).resolve().parent.parent
 
 
 def shared_path(*parts: str) -> Path:
-    """A file of the folder `shared` beside the project; skips the test with a reason where it is absent."""
+    """Return a file of the folder `shared` beside the project; skip the test with a reason where it is absent."""
     path = PROJECT.parent.joinpath("shared", *parts)
     if not path.exists():
         pytest.skip(f"needs shared/{'/'.join(parts)}, which is not beside this checkout")

@@ -1,4 +1,4 @@
-"""docs/api.md is what the docstrings of the exported names make."""
+"""docs/api.md agrees with the docstrings of the exported names."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def test_modules_are_short(path: Path) -> None:
 def test_every_folder_is_described(folder: Path) -> None:
     text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
     assert text is not None
-    assert len(text) > 200, "what the folder is for, and how data goes through it"
+    assert len(text) > 200, "the docstring states the purpose of the folder and the flow of data"
 
 
 def test_class_names_are_unique() -> None:

@@ -1,4 +1,4 @@
-"""Nobody who runs these tests meets another in a ROS domain."""
+"""No two processes that run these tests share a ROS domain."""
 
 from __future__ import annotations
 

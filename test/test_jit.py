@@ -27,12 +27,12 @@ MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def defines_compiled_functions(module: str) -> bool:
-    """As :mod:`ik_node.jit` decides it."""
+    """True as defined by :mod:`ik_node.jit`."""
     return "\nfrom ik_node.jit import" in MODULES[module].read_text()
 
 
 def belongs_to_key(module: str) -> bool:
-    """The records of interfaces/ do, too: compiled functions take and return them."""
+    """True for these files and for the records of interfaces/, which compiled functions take and return."""
     return defines_compiled_functions(module) or module.startswith("ik_node.interfaces.")
 
 
@@ -76,7 +76,8 @@ def foreign_constants(function: ast.FunctionDef, names: dict[str, tuple[str, str
 
 @pytest.mark.parametrize("module", [name for name in MODULES if defines_compiled_functions(name)])
 def test_constants_of_compiled_functions_belong_to_the_key(module: str) -> None:
-    """numba compiles constants in; a constant in a module outside the key could change without a new compilation."""
+    """numba compiles constants into the code: a constant in a module outside the key could change without
+    recompilation."""
     tree = ast.parse(MODULES[module].read_text())
     functions, names = list(compiled_functions(tree)), imported_names(tree)
     assert functions or not COMPILERS & names.keys()
@@ -119,7 +120,7 @@ def test_declaring_a_function_leaves_numba_alone(tmp_path: Path) -> None:
 
 
 def test_the_key_depends_on_the_path_and_the_source_of_compiled_functions(tmp_path: Path) -> None:
-    """A copy of the package at another place, then with another constant, then with another docstring elsewhere."""
+    """Checked with a copy of the package at another path, then with another constant, then with another docstring."""
     code = "from ik_node.jit import cache_folder; print(cache_folder().name)"
     copy = tmp_path / "copy"
     shutil.copytree(PACKAGE, copy / "ik_node", ignore=shutil.ignore_patterns("__pycache__"))

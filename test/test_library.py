@@ -15,7 +15,7 @@ import ik_node
 from ik_node.errors import EXTRAS, IkNodeError, MissingPackageError
 
 if TYPE_CHECKING:
-    # mypy warns about an unused comment: these lines fail when names have no types, or unknown names are accepted.
+    # mypy warns about an unused comment: these lines fail when names have no types or when unknown names are accepted.
     _robot: str = ik_node.load_robot("panda")  # type: ignore[assignment]
     _solution: str = ik_node.solve_pose(ik_node.load_robot("panda"), ())  # type: ignore[assignment]
     _run: str = ik_node.load_run("bag")  # type: ignore[assignment]

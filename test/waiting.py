@@ -1,4 +1,4 @@
-"""Waiting for other processes and threads: for a condition, never for a time."""
+"""Waiting for other processes and threads: for a condition, never for a fixed time."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable
 
 ENOUGH_S = 300.0
-"""What nothing takes that is not broken, on a machine that is busy otherwise."""
+"""Time-out that only a defect exceeds, also on a busy machine."""
 
 
 def wait_until(condition: Callable[[], bool], within_s: float = ENOUGH_S) -> None:
-    """Returns once ``condition()`` is true; it is asked a hundred times a second."""
+    """Return once ``condition()`` is true; it is evaluated 100 times per second."""
     pause = threading.Event()
     for _ in range(int(100 * within_s)):
         if condition():

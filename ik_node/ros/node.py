@@ -106,7 +106,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _warm_up(self, robot: Robot, settings: Settings) -> None:
         if is_cold():
-            self.get_logger().info("compiling, once per version: about half a minute")
+            self.get_logger().info("compiling, once per version: about a minute")
         start_s = time.monotonic()
         warm_up(robot, settings)
         self.get_logger().info(f"warmed up in {time.monotonic() - start_s:.1f} s")

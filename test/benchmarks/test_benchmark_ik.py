@@ -1,5 +1,5 @@
-"""`ik_benchmark ik` in small: its figures are honest, and the experiment of Haviland and Corke gives their own figures
-where the method is not chaotic (the damped ones): same draws, same counts."""
+"""`ik_benchmark ik` with few problems: its figures are correct, and the experiment of Haviland and Corke gives their
+published figures where the method is not chaotic (the damped ones): same draws, same counts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def test_reach_solves_and_does_not_boast(problems: int) -> None:
 
 
 def test_published_figures_come_out() -> None:
-    """Panda, 10,000 problems: mean and median iterations, infeasible, searches, limit violations, all as published."""
+    """Panda, 10,000 problems: mean and median iterations, infeasible, searches, limit violations equal the published
+    ones."""
     which = ("--tables", "panda", "--methods", "LM Chan 0.1", "--draws", "0")
     ran = benchmark("ik", "--only", "haviland-corke", *which, "--json")
     assert ran.code == 0
@@ -39,7 +40,7 @@ def test_published_figures_come_out() -> None:
 
 
 def test_the_command_prints_tables_and_documents() -> None:
-    """With every published method: each is implemented."""
+    """With every published method, so that each one is implemented."""
     ran = benchmark("ik", "--problems", "20", "--only", "reach", "--robots", "panda", "ur5")
     assert ran.code == 0
     assert "TRAC-IK" in ran.out

@@ -1,6 +1,7 @@
-"""Samples of `ik_benchmark limits` and `ik_benchmark obstacles`: their promises, on few ticks and scenes.
+"""Samples of `ik_benchmark limits` and `ik_benchmark obstacles` with few steps and scenes: figures are within their
+bounds.
 
-What they are made of is tested with the modules they measure; here the closed loops run, and the parts print.
+The modules that they measure have tests of their own; these tests run the closed loops and print the sections.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import pytest
 from benchmark_runs import benchmark
 
 BROKEN = 1e-9
-"""More than this beyond a limit is a broken limit."""
+"""An excess over a limit above this value counts as a violation."""
 
 
 def assert_nothing_broken(*arguments: str) -> None:
@@ -19,11 +20,11 @@ def assert_nothing_broken(*arguments: str) -> None:
     for row in ran.rows():
         assert max(row["position"], row["velocity"], row["acceleration"]) <= BROKEN
         assert row["infeasible"] == 0
-        assert row["slowed"] > row["ticks"] / 25, "the limits were really met"
+        assert row["slowed"] > row["ticks"] / 25, "the limits were active"
 
 
 def test_stress_targets_break_no_limit() -> None:
-    """Jumps, poses out of reach, NaN, holds of 0.2 to 5 periods: nothing exceeded, nothing infeasible."""
+    """Jumps, poses out of reach, NaN, holds of 0.2 to 5 periods: no limit is exceeded, no step is infeasible."""
     assert_nothing_broken("--robots", "panda", "ur5", "kinova", "--ticks", "13500", "--seed", "3")
 
 
@@ -33,7 +34,7 @@ def test_a_million_stress_ticks_break_no_limit() -> None:
 
 
 def test_outside_and_under_lag() -> None:
-    """From outside no further than braking needs; under lag the printed margin is enough."""
+    """From outside, the excess is no larger than braking requires; under lag, the printed margin is sufficient."""
     ran = benchmark("limits", "--only", "outside", "lag", "--lag-ticks", "1500", "--json")
     assert ran.code == 0
     outside, *lags = ran.rows()
@@ -45,7 +46,7 @@ def test_outside_and_under_lag() -> None:
 
 
 def test_a_scene_is_driven_past_with_the_tool_on_its_path() -> None:
-    """One of the seeded scenes: the elbow gives way by centimetres, the tool does not notice."""
+    """One seeded scene: the elbow moves aside by centimetres, the tool path does not change."""
     ran = benchmark("obstacles", "--only", "scenes", "--scenes", "1", "--json")
     assert ran.code == 0
     (row,) = ran.rows()
@@ -55,7 +56,7 @@ def test_a_scene_is_driven_past_with_the_tool_on_its_path() -> None:
 
 
 def test_the_parts_print_their_figures() -> None:
-    """What a person reads; the exit code says whether all is within its bounds."""
+    """The printed text; the exit code states whether all figures are within their bounds."""
     ran = benchmark("limits", "--only", "outside")
     assert ran.code == 0
     assert "unavoidable" in ran.out

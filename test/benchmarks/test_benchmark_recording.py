@@ -1,4 +1,4 @@
-"""The measurements of recording and replay at a small size: that they measure what they say, not what comes out."""
+"""Benchmarks of recording and replay at a small size: they measure the stated quantities; the values are not tested."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ik_node.trajectory.shapes import figure_of_eight
 
 
 def test_the_cost_of_recording_is_measured_in_turns() -> None:
-    """Without recording, with the thread, with a process: figures that can be, whatever they are."""
+    """Without recording, with the thread, with a process: the figures are plausible."""
     arguments = ("recording", "--only", "cost", "--rate", "200", "--seconds", "0.3", "--rounds", "2")
     found = benchmark(*arguments, "--json").document()["cost"]
     assert [part["mode"] for part in found] == ["off", "thread", "process"]
@@ -25,7 +25,7 @@ def test_the_cost_of_recording_is_measured_in_turns() -> None:
 
 
 def test_a_kill_is_measured_on_the_real_node() -> None:
-    """What was lost depends on the machine; that the rest is whole and replays does not."""
+    """The loss depends on the machine; the rest of the recording is complete and replays."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
     found = benchmark("recording", "--only", "kills", "--kills", "1", "--json").document()["kills"]
     assert found["kills"] == found["whole_after"] == 1
@@ -33,7 +33,7 @@ def test_a_kill_is_measured_on_the_real_node() -> None:
 
 
 def test_replays_are_timed_and_compared(tmp_path: Path) -> None:
-    """Of a recording that is there already."""
+    """Of an existing recording."""
     loop = recorded_loop(tmp_path / "panda_plain" / "bag", {"rate_hz": 100.0, "obstacles.geometry": "none"})
     loop.follow(figure_of_eight(loop.pose()).pose, 1.0, 50.0)
     finish(loop)

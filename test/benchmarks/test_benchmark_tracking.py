@@ -1,7 +1,7 @@
-"""Samples of `ik_benchmark tracking`: the demands on the whole loop, on short targets of our own.
+"""Samples of `ik_benchmark tracking`: requirements on the whole loop, with short generated targets.
 
-The real streams are in `test_stream_tracking.py` and in the benchmark; here made ones cover the same behaviour. The
-loop that measures is tested first: a rival with an arm must do what the same rival does with an ideal tool.
+Real streams are in `test_stream_tracking.py` and in the benchmark; the generated ones here cover the same behaviour.
+The measuring loop is tested first: a baseline with an arm gives the same result as with an ideal tool.
 """
 
 from __future__ import annotations
@@ -52,26 +52,26 @@ def test_a_known_target_is_tracked_to_the_square_of_the_tick(target: str) -> Non
 
 
 def test_a_late_arm_is_tracked_better_than_any_rival_can() -> None:
-    """At default gains, told of the lag: a third of the error of either rival at its best gain, at most; the search
-    finds the gain at which rivals become unstable."""
+    """At default gains, with the lag set: at most a third of the error of either baseline at its best gain; the search
+    finds the gain at which the baselines become unstable."""
     ran = tracking("--only", "known", "--name", "eight", "--rates", "250", "--seconds", "2.5", "--arms", "lagged")
     assert_all_met(ran, 2)
     searched = next(row["search"] for row in ran.rows() if row.get("search"))
     scores = dict(searched)
-    assert 20.0 < min(scores, key=lambda gain: scores[gain]) < 300.0, "beyond it the arm oscillates"
+    assert 20.0 < min(scores, key=lambda gain: scores[gain]) < 300.0, "at higher gains the arm oscillates"
 
 
 @pytest.mark.parametrize("arm", ["ideal", "lagged"])
 @pytest.mark.parametrize("stream", ["random walk 30 Hz", "eight 20 Hz"])
 def test_made_streams_are_tracked_as_asked(stream: str, arm: str) -> None:
-    """The whole loop on a hand that cannot be foretold and on a smooth one, with jitter, losses and reordering."""
+    """The whole loop on an unpredictable hand motion and on a smooth one, with jitter, losses and reordering."""
     ran = tracking("--only", "made", "--name", stream, "--seconds", "4", "--arms", arm, "--no-search")
     assert_all_met(ran, 10 if stream.startswith("random walk") else 5)
 
 
 @pytest.mark.exhaustive
 def test_runs_over_dds_are_measured_with_the_same_code() -> None:
-    """Streamed targets are followed within millimetres; how well, the machine decides."""
+    """Streamed targets are followed within millimetres; the exact error depends on the machine."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
     ran = tracking("--only", "dds", "--name", "random walk", "--seconds", "3")
     (row,) = [row for row in ran.rows() if "follower" in row]
@@ -81,7 +81,7 @@ def test_runs_over_dds_are_measured_with_the_same_code() -> None:
 
 
 def test_figures_over_nothing_are_refused() -> None:
-    """A stream that ends before anything counts."""
+    """A stream that ends before the measurement starts."""
     ran = tracking("--only", "made", "--name", "eight", "--seconds", "0.3")
     assert ran.code == 2
     assert "expected 0 or at least 0.75" in ran.err

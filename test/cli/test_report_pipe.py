@@ -1,4 +1,5 @@
-"""Every command line ends in silence when nobody reads its output any more, and other broken pipes stay errors."""
+"""Every command ends without an error message when the reader of its output closes the pipe; other broken pipes remain
+errors."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ NAMES = sorted(
 def test_an_unread_output_leaves_no_traceback(command: str, buffering: str) -> None:
     name, *arguments = command.split()
     reading, writing = os.pipe()
-    os.close(reading)  # nobody reads from the start: the worst that `| head` can do
+    os.close(reading)  # the pipe has no reader from the start: the worst case of `| head`
     try:
         done = subprocess.run(
             [sys.executable, "-m", f"ik_node.cli.{name}", *arguments],
@@ -39,7 +40,7 @@ def test_an_unread_output_leaves_no_traceback(command: str, buffering: str) -> N
     finally:
         os.close(writing)
     assert done.stderr == ""
-    swallowed = "--help" in arguments and buffering  # argparse does that by itself, in some versions
+    swallowed = "--help" in arguments and buffering  # some versions of argparse ignore the error themselves
     assert done.returncode == CLOSED_OUTPUT or (swallowed and done.returncode == 0)
 
 

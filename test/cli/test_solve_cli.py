@@ -1,5 +1,5 @@
-"""`ik_solve`: the numbers it prints are those of the library, documents are complete, pictures are written, exit codes
-and messages tell what is wrong. The mathematics is tested elsewhere."""
+"""`ik_solve`: its printed numbers are those of the library, documents are complete, pictures are written, exit codes
+and messages state what is wrong. Other files test the mathematics."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_not_converged_is_said_and_the_exit_code_is_1(capsys: pytest.CaptureFixt
 
 
 def test_negative_and_exponent_numbers(capsys: pytest.CaptureFixture[str]) -> None:
-    # argparse alone takes -1e-1 for an option.
+    # argparse alone interprets -1e-1 as an option.
     spelled = document(capsys, *UR5, "--seed", "2.6", "6e-1", "-17e-1", "1.1", "-6e-1", "-1.6", "--restarts", "0")
     together = document(capsys, *UR5, "--seed", "2.6, 0.6, -1.7, 1.1, -0.6, -1.6", "--restarts", "0")
     assert spelled["iterations"] == together["iterations"]
@@ -150,7 +150,7 @@ def test_bad_questions_are_named(arguments: list[str], message: str, capsys: pyt
     [["--example", "2r"], ["--example", "plateau"], [*UR5, *SEED], ["--robot", "panda", "--target", POSE]],
 )
 def test_pictures_are_written(arguments: list[str], tmp_path: Path) -> None:
-    # Planar arm, scalar curve, arms in space with a screw axis in the picture: as PNG and as SVG that can be read.
+    # Planar arm, scalar curve, spatial arms with a screw axis in the picture: as PNG and as valid SVG.
     for name, start in (("x.png", b"\x89PNG"), ("x.svg", b"<?xml")):
         path = tmp_path / name
         assert main([*arguments, "--plot", str(path)]) == 0

@@ -1,8 +1,8 @@
-"""Distances: conservative solids, the right pairs, exact values whatever was measured before, and slopes with the right
-sign on both sides of contact.
+"""Distances: conservative solids, the correct pairs, exact values independent of earlier queries, and gradients with
+the correct sign on both sides of contact.
 
-References: finite differences, closed forms for balls, measuring every pair anew. What is not tested here: coal itself,
-and what the controller does with distances (test_potentials.py).
+References: finite differences, closed forms for balls, computing every pair anew. Not tested here: coal itself, and the
+use of distances in the controller (test_potentials.py).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def random_scene(rng: np.random.Generator, count: int, reach: float, kinds: tupl
 
 
 def measured(geometry: CollisionGeometry, scene: Scene, q: Array, within: float = np.inf) -> NearPairs:
-    """All pairs, by a new DistanceQuery."""
+    """Compute all pairs with a new DistanceQuery."""
     fresh = DistanceQuery(geometry)
     fresh.set_scene(scene, 0)
     return fresh.measure(q, np.full(fresh.pairs, within))[0]
@@ -116,8 +116,8 @@ def slopes_by_differences(geometry: CollisionGeometry, scene: Scene, q: Array, s
 
 @pytest.mark.parametrize("joints", ["rrrrrr", "rprrpr"])
 def test_slopes_between_balls_are_exact(joints: str) -> None:
-    """Nearest points are unique and analytic: 1e-6 relative, apart and in penetration, revolute and prismatic joints,
-    a base frame that is translated and rotated against the root."""
+    """Nearest points are unique and analytic: 1e-6 relative, separated and in penetration, revolute and prismatic
+    joints, and a base frame that is translated and rotated relative to the root."""
     geometry, rng = collision_geometry.load(ball_arm(joints, "0.4 -0.2 0.7")), np.random.default_rng(3)
     assert len(geometry.watched()) > 5
     inside = 0
@@ -137,8 +137,8 @@ def test_slopes_between_balls_are_exact(joints: str) -> None:
     ("kind", "tolerance"), [("sphere", 1e-6), ("capsule", 1e-6), ("box", 1e-5), ("cylinder", 2e-3)]
 )
 def test_slopes_of_hulls(kind: str, tolerance: float) -> None:
-    """Links of a Panda against each kind of obstacle: flat and curved sides. A pair whose nearest points jump within
-    the step has no derivative there; those, found by comparing two steps, may be a few."""
+    """Links of a Panda and each kind of obstacle: flat and curved surfaces. A pair whose nearest points jump within the
+    step has no derivative there; comparing two step sizes finds such pairs, of which a few are allowed."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(4)
     good = compared = 0
     for _ in range(6):
@@ -155,8 +155,8 @@ def test_slopes_of_hulls(kind: str, tolerance: float) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind, _ in KINDS])
 def test_no_flip_through_contact_and_either_order(kind: str) -> None:
-    """An obstacle moved into a link: distance falls evenly, its slope is continuous at zero. The same pair
-    in the other order gives the same distance and the same slope."""
+    """An obstacle moves into a link: the distance decreases steadily and its gradient is continuous at zero. The same
+    pair in the other order gives the same distance and gradient."""
     geometry = geometry_of("panda")
     backwards = dataclasses.replace(
         geometry, links=geometry.links[::-1], moves=geometry.moves[::-1], reach=geometry.reach[::-1]
@@ -208,7 +208,8 @@ def test_self_pairs_either_order() -> None:
 
 
 def test_nearest_points_and_drift() -> None:
-    """The points of the closest pair lie their distance apart, in the base frame; an obstacle's own motion counts."""
+    """The distance between the nearest points is that of the pair, in the base frame; the obstacle's velocity is
+    included."""
     robot = ball_arm(base_offset="0.1 0.2 0.3")
     clearance = DistanceQuery(collision_geometry.load(robot))
     q = np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
@@ -224,13 +225,13 @@ def test_nearest_points_and_drift() -> None:
     assert closest.points_s[1] - closest.points_s[0] == pytest.approx([0.15, 0.0, 0.0])
     row = [clearance.names(pair) for pair in near.pair].index(("link6", "ball"))
     assert near.drift[row] == pytest.approx(-0.5)
-    clearance.set_scene(Scene().put(ball), 100_000_000)  # Carried on: 5 cm nearer, 2 cm aside.
+    clearance.set_scene(Scene().put(ball), 100_000_000)  # Extrapolated: 5 cm nearer, 2 cm aside.
     later = clearance.measure(q, np.full(clearance.pairs, np.inf))[1]
     assert later.distance == pytest.approx(np.hypot(0.25, 0.02) - 0.15)
 
 
 def test_an_arm_of_one_joint_and_an_arm_without_pairs() -> None:
-    """The smallest cases: a ball on a lever that turns towards another, and no pair at all."""
+    """The smallest cases: a ball on a lever that rotates towards another ball, and an arm without pairs."""
     solid = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
     robot = Robot(
         f'<robot name="lever"><link name="a"/><link name="b">{solid}</link><joint name="j" type="continuous">'
@@ -256,7 +257,7 @@ def test_nan_counts_as_near() -> None:
 
 
 def test_speeds_are_upper_bounds() -> None:
-    """Required by the dampers: no pair approaches faster than :func:`approach_speed_bounds`."""
+    """Required by the velocity dampers: no pair approaches faster than :func:`approach_speed_bounds`."""
     geometry, rng = geometry_of("panda"), np.random.default_rng(6)
     clearance = DistanceQuery(geometry)
     clearance.set_scene(random_scene(rng, 5, 0.6), 0)
@@ -275,7 +276,7 @@ def test_simplified_links_contain_the_meshes() -> None:
             geometry = collision_geometry.load(make_robot(name), simplification, self_collision=False)
             for link in geometry.links:
                 if isinstance(link.solid, coal.Cylinder):
-                    continue  # Kept as it was; its points are those of a prism around it.
+                    continue  # Not simplified; its points are those of a circumscribed prism.
                 where = coal.Transform3s(link.placement.rotation, link.placement.translation)
                 for point in link.points[:: max(1, len(link.points) // 40)]:
                     request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -287,7 +288,7 @@ def test_simplified_links_contain_the_meshes() -> None:
 
 
 def test_the_capsule_is_tight() -> None:
-    """Around points of a known capsule it finds nearly this capsule."""
+    """For points of a known capsule, the result is nearly that capsule."""
     rng = np.random.default_rng(7)
     rotation = exp(np.concatenate((np.zeros(3), rng.normal(size=3))))[:3, :3]
     directions = rng.normal(size=(800, 3))
@@ -301,8 +302,8 @@ def test_the_capsule_is_tight() -> None:
 
 
 def test_pairs_are_selected_with_a_reason() -> None:
-    """Neighbours and pairs in permanent contact are not watched, the others are; settings override, an SRDF replaces
-    the sampling."""
+    """Neighbours and pairs in permanent contact are not checked, the others are; settings override the selection, an
+    SRDF replaces the sampling."""
     robot = make_robot("talos_arm")
     pairs = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot).pairs}
     assert pairs["arm_left_5_link", "arm_left_7_link"].reason == "in collision in 100% of the samples"
@@ -317,15 +318,15 @@ def test_pairs_are_selected_with_a_reason() -> None:
     by_srdf = {(pair.first, pair.second): pair for pair in collision_geometry.load(robot, srdf=srdf).pairs}
     assert not by_srdf["arm_left_2_link", "arm_left_7_link"].watched
     assert by_srdf["arm_left_1_link", "arm_left_7_link"].reason == "not disabled by the SRDF"
-    # It does not disable a pair in permanent contact, which would block the arm.
+    # An SRDF does not disable a pair in permanent contact, which would block the arm.
     forgotten = by_srdf["arm_left_5_link", "arm_left_7_link"]
     assert not forgotten.watched
     assert forgotten.reason == "not disabled by the SRDF, but in collision in 100% of the samples"
     silent = '<robot name="t"><group name="arm"/></robot>'
     assert collision_geometry.load(robot, srdf=silent).pairs == collision_geometry.load(robot).pairs, (
-        "it says nothing of pairs"
+        "it does not mention pairs"
     )
-    assert collision_geometry.load(robot).pairs == collision_geometry.load(robot).pairs  # The same every time.
+    assert collision_geometry.load(robot).pairs == collision_geometry.load(robot).pairs  # Deterministic.
     with pytest.raises(UnknownNameError, match="nonsense"):
         collision_geometry.load(robot, ignored=("nonsense:arm_left_7_link",))
 

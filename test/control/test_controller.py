@@ -1,8 +1,8 @@
-"""The controller as an event machine, with the simulated arm in one process.
+"""The controller as a state machine, with the simulated arm in one process.
 
-Tested: every row of the table of what stops the arm, every kind of input that must not move it, and that no sequence of
-calls makes a command that is not finite or over a limit. Not tested here: DDS and processes (test_node.py), the quality
-of the target's reference (test_stream.py).
+Tested: every condition that stops the arm, every kind of input that must not move it, and that no sequence of calls
+gives a command that is not finite or exceeds a limit. Not tested here: DDS and processes (test_node.py), the quality of
+the target's reference (test_stream.py).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def panda() -> Robot:
 
 
 def loop_of(robot: Robot, **values: object) -> Loop:
-    """A loop that has settled at the ready posture; parameters with __ for the dot."""
+    """Return a loop at rest at the ready posture; parameters with __ for the dot."""
     settings = Settings().with_values({name.replace("__", "."): value for name, value in values.items()})
     loop = Loop(robot, READY["panda" if robot.n == 7 else "ur5"], settings)
     loop.run(0.05)
@@ -39,7 +39,7 @@ def loop_of(robot: Robot, **values: object) -> Loop:
 
 
 def moving_loop(robot: Robot) -> Loop:
-    """A loop in the middle of a figure of eight."""
+    """Return a loop in the middle of a figure of eight."""
     loop = loop_of(robot)
     loop.follow(figure_of_eight(loop.pose()).pose, 3.0, 100.0)
     assert np.abs(loop.steps[-1].joint_velocity).max() > 0.05
@@ -251,7 +251,7 @@ def test_a_robot_that_stands_still_is_detected_and_continues_without_a_jump(pand
         loop.target(trajectory.pose((loop.time_ns - begin_ns) / NS))
 
     class Standing:
-        """Measures what it was stopped at."""
+        """Measures the positions at which it was stopped."""
 
         model = loop.arm.model
 

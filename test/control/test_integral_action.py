@@ -1,7 +1,7 @@
 """Integral action: no steady-state error under a constant disturbance; no windup while the arm cannot follow.
 
-The plant is the error itself: e' = disturbance - K_p e - K_i z, stepped at 500 Hz; what is not the integral's business
-(kinematics, limits) is tested elsewhere.
+The plant is the error itself: e' = disturbance - K_p e - K_i z, stepped at 500 Hz. Kinematics and limits are tested
+elsewhere.
 """
 
 from __future__ import annotations

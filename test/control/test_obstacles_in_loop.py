@@ -1,6 +1,6 @@
 """Obstacles that are added and removed while the arm moves: avoided, and ignored after removal. In one process.
 
-What the distances are is tested in test_collision.py, the optimum with dampers in test_bounded.py.
+Distances are tested in test_collision.py, the optimum with velocity dampers in test_constrained.py.
 """
 
 from __future__ import annotations

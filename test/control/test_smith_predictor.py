@@ -70,7 +70,7 @@ def errors(**values: float) -> tuple[Array, Loop]:
 
 
 def test_prediction_reduces_the_tracking_error_of_an_arm_with_lag() -> None:
-    """At the default gains, to less than a fifth; and the changes of the command are not twice as large."""
+    """At the default gains, to less than a fifth; the changes of the command are less than twice as large."""
     without, before = errors()
     predicted, after = errors(arm_lag_s=0.02, arm_delay_s=0.002)
     assert np.sqrt((predicted**2).mean()) < 0.2 * np.sqrt((without**2).mean())

@@ -1,6 +1,7 @@
-"""Inverse velocity kinematics: optimality itself is tested (stationarity, constraint, minimality against random
-neighbours), an independent 50-digit KKT solution where digits are scarce, the fade at singularities by its own
-promises (bounds, continuity, bit-equality away from them), and the reference cases beside the checkout."""
+"""Inverse velocity kinematics. Optimality is tested directly (stationarity, constraint, minimality against random
+neighbours), against an independent 50-digit KKT solution where digits are lost, the fade at singularities by its
+specified properties (bounds, continuity, bit-equality away from them), and with the reference cases beside the
+checkout."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ SHAPES = [(6, 7), (6, 6), (6, 4), (3, 7), (2, 3), (6, 9), (1, 4)]
 
 
 def problem(seed: int, m: int, n: int, sigma_min: float = 0.2) -> tuple[Array, Array, Array, Array]:
-    """J, V, W, grad_h with a known smallest singular value."""
+    """Draw J, V, W, grad_h with a given smallest singular value."""
     rng = np.random.default_rng(seed)
     size = min(m, n)
     u, y = np.linalg.qr(rng.normal(size=(m, m)))[0], np.linalg.qr(rng.normal(size=(n, n)))[0]
@@ -42,7 +43,7 @@ def robot(name: str) -> Robot:
 
 
 def kkt(j: Array, v: Array, w: Array, c: Array) -> tuple[Array, Array]:
-    """The KKT system [W -J'; J 0] (qd, lambda) = (-c, V), solved with 50 digits: no pseudoinverse in it."""
+    """Solve the KKT system [W -J'; J 0] (qd, lambda) = (-c, V) with 50 digits; no pseudoinverse is used."""
     m, n = j.shape
     with mpmath.workdps(50):
         matrix = mpmath.matrix(np.block([[w, -j.T], [j, np.zeros((m, m))]]).tolist())
@@ -79,7 +80,7 @@ def test_stationarity_and_constraint(shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize("shape", [(6, 7), (3, 7), (6, 6)])
 @pytest.mark.parametrize("sigma_min", [0.1, 1e-4, 1e-7])
 def test_digits_against_a_50_digit_kkt_solution(shape: tuple[int, int], sigma_min: float) -> None:
-    # The error grows with cond(J), not with its square as the printed formula's does.
+    # The error grows with cond(J), not with its square as with the printed formula.
     for seed in range(3):
         j, v, w, g = problem(seed, *shape, sigma_min=sigma_min)
         v = j @ np.random.default_rng(seed).normal(size=shape[1])
@@ -93,7 +94,7 @@ def test_digits_against_a_50_digit_kkt_solution(shape: tuple[int, int], sigma_mi
 
 
 def test_terms_add_up_and_belong_together() -> None:
-    # The gradient does not move the tool; the task term is independent of the gradient; k enters once.
+    # The gradient does not move the tool; the task term is independent of the gradient; k enters linearly.
     j, v, w, g = problem(3, 6, 9)
     with_task, with_both, twice = resolve(j, v, w), resolve(j, v, w, g, 0.5), resolve(j, v, w, g, 1.0)
     np.testing.assert_array_equal(with_both.task_velocity, with_task.joint_velocity)
@@ -121,7 +122,7 @@ def test_the_formulas_of_the_notes() -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
 def test_kinetic_energy_of_inertia_weighted_is_least(name: str) -> None:
-    # At the same q and V, against `plain` and against the answer plus any null-space motion.
+    # At the same q and V, against `plain` and against the solution plus any null-space motion.
     arm = robot(name)
     rng = np.random.default_rng(11)
     for _ in range(50):
@@ -171,7 +172,7 @@ def test_weighted_penrose_conditions(shape: tuple[int, int], rank: int) -> None:
 
 
 def test_weighted_is_the_notes_formula_at_full_row_rank() -> None:
-    # W^-1 J' (J W^-1 J')^-1 with rational numbers, worked with 40 digits.
+    # W^-1 J' (J W^-1 J')^-1 with rational numbers, evaluated with 40 digits.
     j, w = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]]), np.diag([1.0, 2.0, 5.0])
     with mpmath.workdps(40):
         jm, wi = mpmath.matrix(j.tolist()), mpmath.diag([1, mpmath.mpf(1) / 2, mpmath.mpf(1) / 5])
@@ -225,8 +226,8 @@ def test_body_and_space_forms_agree(name: str) -> None:
 
 
 def test_invariances_of_weight_and_gradient() -> None:
-    # W -> a W: qd stays, lambda times a. grad + J'w: qd stays, lambda + w. Square J: W and gradient do not influence
-    # qd.
+    # W -> a W: qd is unchanged, lambda times a. grad + J'w: qd is unchanged, lambda + w. Square J: W and gradient do
+    # not influence qd.
     j, v, w, g = problem(6, 6, 7)
     base = resolve(j, v, w, g, 1.0)
     scaled = resolve(j, v, 3.0 * w)
@@ -241,7 +242,7 @@ def test_invariances_of_weight_and_gradient() -> None:
 
 
 def test_second_term_balances_gravity_only_without_redundancy() -> None:
-    # J' lambda_2 = grad h on a six-joint arm; on seven joints the rest is what drives the null-space motion.
+    # J' lambda_2 = grad h on a six-joint arm; on seven joints the remainder drives the null-space motion.
     for name, balanced in (("ur5", True), ("panda", False)):
         arm = robot(name)
         q = np.array([0.3, -0.8, 0.9, -1.1, 0.7, 0.9, 0.4])[: arm.n]
@@ -255,7 +256,7 @@ def test_second_term_balances_gravity_only_without_redundancy() -> None:
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_constrained_dynamics_of_pinocchio_agree(name: str) -> None:
-    # An arm at rest without torques, one instant after a constraint J qdd = V: the same equations, another program.
+    # An arm at rest without torques, one instant after a constraint J qdd = V: the same equations in another program.
     arm = robot(name)
     q = np.array([0.3, -0.6, -1.1, -2.7, 0.8, 1.0, 0.3])[: arm.n]
     j, v = arm.evaluate(q).jacobian_b, np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
@@ -308,7 +309,7 @@ def test_truncation_at_an_exact_singularity() -> None:
 
 
 def test_zero_jacobian() -> None:
-    # No twist is feasible and the null space is everything: only the potential moves the joints. All finite.
+    # No twist is feasible and every motion is a null-space motion: only the potential moves the joints. All finite.
     _, v, w, g = problem(14, 6, 7)
     for threshold in (0.0, 0.02):
         free = resolve(np.zeros((6, 7)), v, w, g, 1.0, threshold=threshold)
@@ -345,7 +346,7 @@ def test_faded_solution_is_bounded_and_states_the_twist_attained(sigma_min: floa
 
 def test_fade_is_continuous_through_the_singularity() -> None:
     # From rank 6 to the other side of a singularity: steps a quarter as long make changes a quarter as large. The
-    # singularity itself, where J has one dimension of freedom more, is tested above and left out here.
+    # singularity itself, where the null space has one dimension more, is tested above and excluded here.
     base, v, w, g = problem(16, 6, 7)
     u, sigma, vt = np.linalg.svd(base)
 
@@ -373,7 +374,8 @@ def test_above_the_threshold_the_solution_is_the_undamped_one_bit_for_bit() -> N
 
 
 def test_null_space_cap_lowers_the_gain_and_keeps_the_optimum() -> None:
-    # No joint's null-space speed over its cap, and the result is resolve() with the lower gain that it reports.
+    # No joint's null-space speed exceeds its limit, and the result equals resolve() with the lower gain that it
+    # reports.
     j, v, w, g = problem(18, 6, 9)
     cap = np.linspace(0.05, 0.2, 9)
     free, capped = resolve(j, v, w, g, 1.0), resolve(j, v, w, g, 1.0, null_space_cap=cap)
@@ -387,7 +389,7 @@ def test_null_space_cap_lowers_the_gain_and_keeps_the_optimum() -> None:
 
 
 def test_without_null_space_the_gain_is_unchanged_and_the_wrench_is_returned() -> None:
-    # Six joints, six rows: grad_h cannot move anything, but its wrench is still reported.
+    # Six joints, six rows: grad_h cannot move any joint, but its wrench is still reported.
     j, v, w, g = problem(19, 6, 6)
     result = resolve(j, v, w, g, 0.4, null_space_cap=1e-3)
     assert not result.null_velocity.any()
@@ -430,7 +432,7 @@ def test_bad_input_is_named(name: str, change: dict[str, Any]) -> None:
 
 
 def test_unchecked_nan_never_becomes_a_number() -> None:
-    # The control loop skips the checks and looks at the result instead.
+    # The control loop skips the checks and tests the result instead.
     j, v, w, g = problem(21, 6, 7)
     nan = float("nan")
     assert np.isnan(resolve(j, v * nan, w, g, 1.0, threshold=0.02, checked=True).joint_velocity).all()

@@ -1,8 +1,8 @@
-"""The bounded optimum: the largest s, the least cost, the box to the last bit, and an answer to every input.
+"""The constrained optimum: the largest s, the least cost, the box to the last bit, and a solution for every input.
 
-The references are independent solvers (scipy's linear program, an equality-constrained minimum on the active bounds,
-the signs of the multipliers, DAQP on the whole problem) of reference_solvers.py. What is
-not tested here: how the box is made (test_limits.py).
+The references are the independent solvers of reference_solvers.py (scipy's linear program, an equality-constrained
+minimum on the active bounds, the signs of the multipliers, DAQP on the whole problem). Not tested here: the computation
+of the box (test_joint_limits.py).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ik_node.settings.groups import LimitSettings
 @pytest.mark.parametrize("method", reference_solvers.METHODS)
 @pytest.mark.parametrize("name", reference_solvers.ROBOTS)
 def test_random_states_against_independent_solvers(name: str, method: str) -> None:
-    """The issue's figures on a sample: bounds 1e-9 (here: exactly), s 1e-6, cost 1e-6, closed form 1e-8."""
+    """A sample with the required tolerances: bounds 1e-9 (here: exactly), s 1e-6, cost 1e-6, closed form 1e-8."""
     robot, rng = make_robot(name), np.random.default_rng(11)
     bound = 0
     for _ in range(40):
@@ -49,7 +49,7 @@ def test_random_states_against_independent_solvers(name: str, method: str) -> No
 @pytest.mark.parametrize("method", reference_solvers.METHODS)
 @pytest.mark.parametrize("name", reference_solvers.ROBOTS)
 def test_many_random_states_against_independent_solvers(name: str, method: str) -> None:
-    """The same on 10,000 states: the worst of them is also the worst of the references."""
+    """The same on 10,000 states: the largest difference includes the errors of the reference solvers."""
     robot, rng = make_robot(name), np.random.default_rng(1)
     checks = [check(problem(robot, method, rng)) for _ in range(10_000)]
     found = Check(*(np.array(column) for column in zip(*checks, strict=True)))  # type: ignore[arg-type]
@@ -88,7 +88,7 @@ def test_the_constrained_problem_gives_the_closed_form_where_limits_hardly_bind(
 
 
 def test_the_direction_of_the_twist_is_kept_and_clipping_would_change_it() -> None:
-    """From rest, the tool moves along V however tight the box; the clipped closed form, which looks alike, does not."""
+    """From rest, the tool moves along V for any box; with the clipped closed form it does not."""
     bent = 0.0
     for seed in range(20):
         task, rng = solve_on("panda", seed)
@@ -103,7 +103,8 @@ def test_the_direction_of_the_twist_is_kept_and_clipping_would_change_it() -> No
 
 
 def test_a_box_without_zero_is_answered_as_nearly_along_the_twist_as_it_allows() -> None:
-    """A moving arm that shall stop, reverse or turn: J qd = s V is infeasible. Slowed down, it keeps its direction."""
+    """A moving arm that has to stop, reverse or turn: J qd = s V is infeasible. While slowing down it keeps its
+    direction."""
     robot, rng = make_robot("panda"), np.random.default_rng(5)
     limits = motion_limits(robot, LimitSettings(), 500.0)
     for _ in range(100):
@@ -144,7 +145,7 @@ def reference_scale(
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_dampers_are_obeyed_or_relaxed_by_the_least_amount(name: str) -> None:
-    """Rows that forbid, rows that demand motion, rows that contradict the box; s is still the largest."""
+    """Rows that forbid motion, rows that require motion, rows that contradict the box; s is still the largest."""
     rng, given_way, compared = np.random.default_rng(6), 0, 0
     robot = make_robot(name)
     for _ in range(150):
@@ -162,7 +163,7 @@ def test_dampers_are_obeyed_or_relaxed_by_the_least_amount(name: str) -> None:
         assert (rows @ qd >= dampers.least - answer.damper_slack - 1e-9).all()
         if answer.damper_slack.any():
             given_way += 1
-            # The most that the box allows for the worst row: the reference minimises the largest slack.
+            # The largest value that the box permits for the worst row: the reference minimises the largest slack.
             least = linprog(
                 np.append(np.zeros(robot.n), 1.0),
                 A_ub=np.column_stack((-rows, -np.ones(count))),
@@ -179,13 +180,13 @@ def test_dampers_are_obeyed_or_relaxed_by_the_least_amount(name: str) -> None:
 
 
 def test_a_damper_limits_approach_and_never_retreat() -> None:
-    """Motion away from the obstacle is untouched, bit for bit; motion towards it is slowed along its direction."""
+    """Motion away from the obstacle is unchanged, bit for bit; motion towards it is slowed along its direction."""
     robot = make_robot("ur5")
     jacobian = robot.evaluate(np.array([0.3, -1.2, 1.5, -1.0, -1.4, 0.2])).jacobian_b
     towards = np.array([0.2, 0.1, 0.0, 0.0, 0.0, 0.0])
     dampers = VelocityDampers(
         -jacobian[:1], np.array([-0.05]), ("forearm - box",)
-    )  # n along +x: at most 0.05 m/s that way.
+    )  # n along +x: at most 0.05 m/s in this direction.
     box = 3.0 * np.ones(6)
     away = constrained.solve(jacobian, -towards, -box, box, dampers=dampers)
     assert (away.joint_velocity == resolve(jacobian, -towards, checked=True).joint_velocity).all()
@@ -196,7 +197,7 @@ def test_a_damper_limits_approach_and_never_retreat() -> None:
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 4])
 def test_null_spaces_of_many_dimensions(rows: int) -> None:
-    """Position tasks, planar tasks: z has up to six entries there. Checked as the pose tasks are."""
+    """Position tasks and planar tasks: z has up to six entries there. Checked like the pose tasks."""
     rng = np.random.default_rng(8)
     for _ in range(25):
         task = problem(make_robot("panda"), "obstacle_gradient", rng)
@@ -285,7 +286,7 @@ def test_the_same_input_gives_the_same_bits() -> None:
 
 
 def test_what_bound_is_named() -> None:
-    """The status tells a person which limit slowed the arm."""
+    """The status names the limit that slowed the arm."""
     robot = make_robot("panda")
     limits = motion_limits(robot, LimitSettings(), 500.0)
     q = np.array([0.0, 0.5, 0.0, -1.5, 0.0, 1.5, 0.3])

@@ -39,7 +39,7 @@ class Case:
         self.q = random_position(self.robot, rng)
         self.previous = rng.choice([0.0, 0.1, 1.0]) * rng.uniform(-1.0, 1.0, n) * self.limits.velocity
         self.jacobian, self.twist = task.jacobian, task.twist
-        if rng.uniform() < 0.8:  # a moving arm that shall continue, slow down or speed up
+        if rng.uniform() < 0.8:  # a moving arm that has to continue, slow down or accelerate
             self.previous = np.linalg.pinv(self.jacobian) @ self.jacobian @ self.previous * rng.choice([0.01, 0.1, 1.0])
             self.twist = self.jacobian @ self.previous * rng.choice([0.9, 1.0, 1.5])
         self.weight, self.gradient, self.gain = task.weight, task.gradient, task.gain
@@ -116,7 +116,7 @@ def test_one_pass_agrees_with_its_parts(name: str, method: str) -> None:
         assert (answer.joint_velocity <= case.bounds.hi).all()
     assert valid > 60
     assert bound > 10
-    # A gradient at random drives the null space faster than an arm at rest may start.
+    # A random gradient drives the null space faster than an arm at rest may start.
     assert bound < valid or method == "obstacle_gradient"
 
 

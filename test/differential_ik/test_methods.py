@@ -1,6 +1,6 @@
-"""Methods and control laws in closed loop: what each is for, that none is unstable, that switching is no jump.
+"""Methods and control laws in closed loop: each has its intended effect, none is unstable, switching causes no jump.
 
-Formulas are proved in test_resolution.py; here they move an arm.
+Formulas are tested in test_closed_form.py; here they move an arm.
 """
 
 from __future__ import annotations
@@ -62,12 +62,13 @@ def test_the_names_that_settings_offer_are_the_methods_there_are() -> None:
 @pytest.mark.parametrize("method", NAMES)
 def test_every_method_follows_the_same_path(panda: Robot, method: str) -> None:
     loop = follow(panda, method=method)
-    # Gravity pulls the null space towards the arm itself, where a damper holds it back and the path gives a little.
+    # Gravity pulls the null space towards the arm itself, where a velocity damper stops it and the tool deviates
+    # slightly.
     assert position_error(loop) < (1e-3 if method == "gravity_gradient" else 1e-6), "to the error of one step"
 
 
 def test_inertia_weighting_needs_less_kinetic_energy_than_plain(panda: Robot) -> None:
-    """At the same q and V, which two runs do not share for long: so along the first second's path."""
+    """Compared at the same q and V along the path of the first second, because the two runs diverge."""
     plain = follow(panda, duration_s=2.0)
     for step in plain.steps[100::50]:
         mass = panda.dynamics(step.joint_position).mass_matrix
@@ -81,7 +82,7 @@ def test_inertia_weighting_needs_less_kinetic_energy_than_plain(panda: Robot) ->
 
 
 def still(robot: Robot, start: Array, model: ArmModel | None, **values: object) -> Loop:
-    """Holds its pose for 15 s while the null space is free to move."""
+    """Hold the pose for 15 s while the null space is free to move."""
     settings = Settings().with_values({"method": "gravity_gradient", **values})
     loop = Loop(robot, start, settings, model)
     loop.run(15.0)
@@ -98,12 +99,12 @@ def test_the_gravity_gradient_moves_the_null_space_downhill_gently_and_comes_to_
         start = generator.uniform(0.8 * lower + 0.2 * upper, 0.2 * lower + 0.8 * upper)
         loop = still(panda, start, model)
         qd = commands(loop)
-        assert np.abs(qd).max() <= 0.3 * 1.05, "the cap on the null-space speed, and a little feedback"
-        assert np.abs(qd).max() > 1e-3, "it moves, or this tests nothing"
+        assert np.abs(qd).max() <= 0.3 * 1.05, "the limit on the null-space speed, plus the feedback"
+        assert np.abs(qd).max() > 1e-3, "the null space has to move for this test to be valid"
         changes = np.abs(np.diff(np.sign(np.where(np.abs(qd) > 1e-4, qd, 0.0)), axis=0)) == 2
-        assert changes.sum(axis=0).max() <= 6, "it does not chatter"
+        assert changes.sum(axis=0).max() <= 6, "no chatter"
         begin, end = loop.steps[10], loop.steps[-1]
-        assert np.abs(begin.pose_sb[:3, 3] - end.pose_sb[:3, 3]).max() < 1e-3, "the tool stays"
+        assert np.abs(begin.pose_sb[:3, 3] - end.pose_sb[:3, 3]).max() < 1e-3, "the tool does not move"
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
@@ -123,7 +124,7 @@ def test_the_default_gain_is_stable_in_discrete_time_with_a_wide_margin(name: st
         mass = robot.dynamics(q).mass_matrix
         rate = np.linalg.eigvals(np.linalg.solve(null.T @ mass @ null, null.T @ hessian @ null))
         fastest = max(fastest, float(np.abs(rate).max()))
-    assert fastest > 50.0, "gravity pulls, or this tests nothing"
+    assert fastest > 50.0, "gravity has to act for this test to be valid"
     assert gain * fastest * late_s < 0.5
 
 
@@ -143,7 +144,7 @@ def test_the_potential_multiplier_of_a_square_arm_is_what_holds_it_against_gravi
 def test_ik_difference_at_one_over_dt_is_the_law_of_the_notes_and_follows_an_ideal_arm(name: str) -> None:
     loop = follow(make_robot(name), control_law="ik_difference", ik_difference_gain=500.0)
     truth = figure_of_eight(loop.steps[0].pose_sb)
-    assert position_error(loop) < 0.5e-3, "one period behind"
+    assert position_error(loop) < 0.5e-3, "one period of lag"
     assert "without lag" in loop.controller.status.reason, "the node warns of this gain"
     del truth
 
@@ -153,12 +154,12 @@ def test_ik_difference_is_stable_on_a_late_arm_by_default(name: str) -> None:
     loop = follow(make_robot(name), LATE, control_law="ik_difference")
     assert position_error(loop) < 0.02
     loop.run(3.0)
-    assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-3, "it comes to rest"
+    assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-3, "the arm comes to rest"
     assert "without lag" not in loop.controller.status.reason
 
 
 def test_ik_difference_at_one_over_dt_is_not_stable_on_a_late_arm(panda: Robot) -> None:
-    """Why the default is another one."""
+    """The reason for another default gain."""
     loop = follow(panda, LATE, duration_s=3.0, control_law="ik_difference", ik_difference_gain=500.0)
     assert np.abs(np.diff(commands(loop)[-250:], axis=0)).max() > 0.01
 

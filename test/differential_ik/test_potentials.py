@@ -1,7 +1,7 @@
-"""Potentials and dampers: gradients against finite differences, bounded and of the right sign; approach slowed, retreat
-free; scenes read from files.
+"""Potentials and velocity dampers: gradients agree with finite differences, are bounded and have the correct sign;
+approach is slowed, retreat is free; scenes are read from files.
 
-What is not tested here: distances themselves (test_collision.py), the optimum (test_bounded.py).
+Not tested here: distances themselves (test_collision.py), the optimum (test_constrained.py).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def by_differences(clearance: DistanceQuery, scene: Scene, q: Array, settings: O
 
 
 def test_psi_is_smooth_bounded_and_one_sided() -> None:
-    """Zero beyond the range, continuously differentiable at both joints, never steeper than 1, never a pull."""
+    """Zero beyond the range, continuously differentiable at both joints, slope at most 1, never attractive."""
     span = np.full(4001, 0.15)
     distance = np.linspace(-0.2, 0.2, 4001)
     value, slope = avoidance.repulsion_profile(distance, span)
@@ -67,7 +67,7 @@ def test_psi_is_smooth_bounded_and_one_sided() -> None:
     assert (slope >= -1.0).all()
     assert (value[distance > 0.15] == 0.0).all()
     assert np.gradient(value, distance)[1:-1] == pytest.approx(slope[1:-1], abs=2e-3)
-    assert np.abs(np.diff(slope)).max() < 3e-3  # No jump anywhere.
+    assert np.abs(np.diff(slope)).max() < 3e-3  # No jump.
 
 
 @pytest.mark.parametrize("base_offset", ["0 0 0", "0.3 -0.1 0.5"])
@@ -105,7 +105,7 @@ def test_repulsion_of_hulls_within_a_measured_tolerance() -> None:
 
 
 def test_the_repulsion_points_away_on_both_sides_of_contact() -> None:
-    """Away from a ball beside the tool, at any depth down to the middle, by no more than F times a lever."""
+    """Away from a ball beside the tool, at any depth down to its centre, by at most F times a lever arm."""
     robot = ball_arm()
     clearance, q = DistanceQuery(collision_geometry.load(robot)), np.array([0.3, -0.5, 0.7, 0.2, -0.4, 0.6])
     tip = robot.pose(q)
@@ -120,17 +120,18 @@ def test_the_repulsion_points_away_on_both_sides_of_contact() -> None:
 
 
 def around(q: Array) -> list[Array]:
-    """Positions a step up and down along every joint."""
+    """Return positions one step up and down along every joint."""
     return [q + sign * 1e-6 * row for row in np.eye(len(q)) for sign in (1.0, -1.0)]
 
 
 def central(values: list[float]) -> Array:
-    """Differences of the values at ``around``."""
+    """Return central differences of the values at ``around``."""
     return np.asarray((np.array(values[::2]) - np.array(values[1::2])) / 2e-6)
 
 
 def test_the_push_also_comes_from_what_lies_ahead() -> None:
-    """Out of range now, met in a moment at the present velocity: pushed already, by the gradient at that place."""
+    """Out of range now, but reached soon at the present velocity: repelled already, by the gradient at the predicted
+    position."""
     robot = ball_arm()
     clearance, q, qd = (
         DistanceQuery(collision_geometry.load(robot)),
@@ -152,7 +153,7 @@ def test_the_push_also_comes_from_what_lies_ahead() -> None:
 
 
 def test_dexterity_is_the_gradient_along_the_null_space() -> None:
-    """Against differences of its value; zero while the arm is not stretched, and without a null space."""
+    """Compared with finite differences of its value; zero while the arm is not stretched, and without a null space."""
     robot, rng, pushed = make_robot("panda"), np.random.default_rng(4), 0
     scale = np.repeat((1.0, 0.3), 3)
 
@@ -177,7 +178,8 @@ def test_dexterity_is_the_gradient_along_the_null_space() -> None:
 
 
 def test_secondary_gradients() -> None:
-    """Centring and posture against finite differences; gravity against Pinocchio's energy; continuous joints apart."""
+    """Centring and posture against finite differences; gravity against Pinocchio's energy; continuous joints
+    separately."""
     rng = np.random.default_rng(3)
     for name in ("panda", "kinova"):
         robot = make_robot(name)
@@ -203,7 +205,7 @@ def test_secondary_gradients() -> None:
 
 
 def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, settings: ObstacleSettings) -> list[Array]:
-    """Moves at ``twist_s`` (linear and angular along the base's axes), 500 Hz; rows of q, s and the clearance."""
+    """Move at ``twist_s`` (linear and angular along the base axes), 500 Hz; return rows of q, s and the distance."""
     limits = motion_limits(robot, LimitSettings(), 500.0)
     clearance, qd, rows = DistanceQuery(collision_geometry.load(robot)), np.zeros(robot.n), []
     for tick in range(ticks):
@@ -221,8 +223,8 @@ def drive(robot: Robot, scene: Scene, q: Array, twist_s: Array, ticks: int, sett
 
 
 def test_the_damper_stops_before_contact_and_permits_retreat() -> None:
-    """Driven at 0.3 m/s at an obstacle on its path, the arm comes to rest at the stop distance; away from it, it leaves
-    at full speed from the first ticks on, as fast as its acceleration limits allow without a damper."""
+    """Moving at 0.3 m/s towards an obstacle, the arm stops at the stop distance; moving away, it has full speed from
+    the first steps on, as its acceleration limits allow without a damper."""
     robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     ahead = robot.pose(q)[:3, 3] + (0.0, -0.45, 0.0)
     scene = Scene().put(obstacle("post", shape("sphere", (0.1,)), at(*ahead)))
@@ -230,7 +232,7 @@ def test_the_damper_stops_before_contact_and_permits_retreat() -> None:
     clearances = np.array([row[1] for row in rows])
     assert clearances.min() > SETTINGS.stop_distance[0] - 1e-3
     assert clearances[-1] < SETTINGS.stop_distance[0] + 2e-3
-    assert rows[-1][0] < 0.02  # s: at rest in front of it.
+    assert rows[-1][0] < 0.02  # s: at rest in front of the obstacle.
     assert sum(row[2] for row in rows) == 0.0  # No damper was relaxed.
     stopped = rows[-1][3:]
     back = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
@@ -239,18 +241,18 @@ def test_the_damper_stops_before_contact_and_permits_retreat() -> None:
 
 
 def test_an_obstacle_that_comes_nearer_by_itself() -> None:
-    """A ball at 0.1 m/s against an arm with zero twist: the arm moves away before it is touched."""
+    """A ball moves at 0.1 m/s towards an arm with zero twist: the arm moves away before contact."""
     robot, q = make_robot("ur5"), np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
     start = robot.pose(q)[:3, 3] + (0.0, -0.4, 0.0)
     ball = obstacle("ball", shape("sphere", (0.1,)), at(*start), velocity_s=np.array([0.0, 0.1, 0.0]))
     rows = drive(robot, Scene().put(ball), q, np.zeros(6), 1800, SETTINGS)
     clearances = np.array([row[1] for row in rows])
     assert clearances.min() > 0.5 * SETTINGS.stop_distance[0]
-    assert np.abs(rows[-1][3:] - q).max() > 0.05  # It moved.
+    assert np.abs(rows[-1][3:] - q).max() > 0.05  # The arm moved.
 
 
 def test_dampers_name_only_what_can_bind() -> None:
-    """Rows cost time: far or receding pairs do not appear; those that do are named link - obstacle."""
+    """Rows cost time: distant or receding pairs are left out; the others are named link - obstacle."""
     robot, q = make_robot("panda"), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
     clearance, qd, change = DistanceQuery(collision_geometry.load(robot)), np.zeros(7), np.full(7, 0.02)
     near = robot.pose(q)[:3, 3] + (0.2, 0.0, 0.0)
@@ -268,7 +270,7 @@ def test_dampers_name_only_what_can_bind() -> None:
 
 
 def test_obstacles_have_a_motion_of_their_own() -> None:
-    """Velocity from two messages; a leap is none; an old estimate is not believed; lifetimes end."""
+    """The velocity follows from two messages; a jump gives none; an old estimate is discarded; lifetimes expire."""
     ball, ms = shape("sphere", (0.1,)), 1_000_000
     scene = Scene().put(obstacle("b", ball, at(0.0, 0.0, 0.0), 0))
     scene = scene.put(obstacle("b", ball, at(0.01, 0.0, 0.0), 100 * ms))
@@ -287,7 +289,7 @@ def test_obstacles_have_a_motion_of_their_own() -> None:
 
 
 def test_scene_files(tmp_path: Path) -> None:
-    """All keys of a file, also in a frame of the robot; and the error of every mistake names it."""
+    """All keys of a file, also in a frame of the robot; each error message names the mistake."""
     file = tmp_path / "scene.yaml"
     file.write_text(
         "obstacles:\n"

@@ -1,7 +1,7 @@
-"""Singularities: what is retained, what is truncated, at which scale, and that the arm always leaves them.
+"""Singularities: which components are retained or truncated and at which scale, and that the arm always leaves them.
 
 Closed loops with an ideal arm for the behaviour (a sample of `ik_benchmark limits`), single calls for the properties:
-away from singularities V is unchanged; solutions are continuous, bounded and deterministic, and state what they
+away from singularities V is unchanged; solutions are continuous, bounded and deterministic, and report what they
 truncate.
 """
 
@@ -35,11 +35,11 @@ SINGULAR = {
     "panda shoulder": (-1.099999999993753, 0.0, 1.5428911686078752, -1.3972210514851395,
                        -0.8324607100873602, 2.1385076057545707, -1.0320000000044764),
 }  # fmt: skip
-"""Positions at which a direction is lost, rad."""
+"""Positions at which the Jacobian loses a direction, rad."""
 
 
 def decompose(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """u, sigma, rows of y' of the body Jacobian with scaled rows."""
+    """Return u, sigma and the rows of y' of the body Jacobian with scaled rows."""
     u, sigma, rows = np.linalg.svd(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b, full_matrices=False)
     return u, sigma, rows
 
@@ -75,7 +75,7 @@ def regulate(
 
 
 def test_the_twist_is_unchanged_away_from_singularities() -> None:
-    """V itself, bit for bit, and J itself; only lost time is forgotten."""
+    """V and J themselves, bit for bit; only the stalled time is reset."""
     robot, rng = make_robot("panda"), np.random.default_rng(1)
     tried = 0
     while tried < 20:
@@ -92,7 +92,7 @@ def test_the_twist_is_unchanged_away_from_singularities() -> None:
 
 
 def test_gentle_twists_are_done_exactly_however_near() -> None:
-    """A feasible twist is not truncated: at sigma = 0.01 m and 1 mm/s all of it is executed."""
+    """A feasible twist is not truncated: at sigma = 0.01 m and 1 mm/s it is executed completely."""
     robot = make_robot("ur5")
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.057, 0.4])
     rng = np.random.default_rng(2)
@@ -119,7 +119,7 @@ def test_the_same_input_gives_the_same_bits_and_the_state_is_explicit() -> None:
 
 
 def test_the_twist_is_continuous_in_position_and_target() -> None:
-    """No threshold at which something switches: small steps of q and V, with the state held, move V_f little."""
+    """No switching threshold: small changes of q and V, with the state held, change V_f little."""
     robot, rng = make_robot("ur5"), np.random.default_rng(4)
     worst = 0.0
     for _ in range(30):
@@ -133,7 +133,7 @@ def test_the_twist_is_continuous_in_position_and_target() -> None:
 
 
 def test_the_regulated_task_is_never_singular_and_always_bounded() -> None:
-    """At and beside every singularity, for any twist: finite, answerable, within the limits; speeds do not blow up."""
+    """At and beside every singularity, for any twist: finite, feasible, within the limits, with bounded speeds."""
     rng = np.random.default_rng(5)
     for name, singular in SINGULAR.items():
         robot = make_robot(name.split()[0])
@@ -152,7 +152,7 @@ def test_the_regulated_task_is_never_singular_and_always_bounded() -> None:
 
 
 def drive(name: str, *ways: str) -> list[dict[str, Any]]:
-    """Figures of a closed loop with an ideal arm, by `ik_benchmark limits`; one drive, each strategy."""
+    """Return the figures of a closed loop with an ideal arm, by `ik_benchmark limits`; one motion per strategy."""
     ran = benchmark("limits", "--only", "singularities", "--drives", name, "--ways", *(ways or ("ours",)), "--json")
     rows = ran.rows()
     assert [(row["drive"], row["way"]) for row in rows] == [(name, way) for way in ways or ("ours",)]
@@ -160,7 +160,7 @@ def drive(name: str, *ways: str) -> list[dict[str, Any]]:
 
 
 def test_a_wrist_is_passed_on_the_path_where_a_filter_leaves_it() -> None:
-    """Reachable, 20 mm beside the singularity: slowing down early costs a millimetre, the filter 20, clipping 10."""
+    """Reachable, 20 mm beside the singularity: slowing down early costs 1 mm, the filter 20 mm, clipping 10 mm."""
     mine, slow, fade = drive("ur5 wrist: past at +20 mm, direction 0", "ours", "slow", "fade")
     assert mine["path_m"] < 1e-3
     assert mine["path_rad"] < 3e-3
@@ -170,7 +170,7 @@ def test_a_wrist_is_passed_on_the_path_where_a_filter_leaves_it() -> None:
 
 
 def test_a_wrist_missed_by_less_than_the_tolerance_is_passed_without_delay() -> None:
-    """Half a turn for 2 mm is not worth it: little time is lost, and the error stays of that size."""
+    """Half a turn for 2 mm is not required: little time is lost, and the error stays at that size."""
     (mine,) = drive("ur5 wrist: past at +0 mm, direction 0")
     assert mine["slowed_s"] < 0.05
     assert mine["path_m"] < 1e-3
@@ -181,7 +181,8 @@ def test_a_wrist_missed_by_less_than_the_tolerance_is_passed_without_delay() -> 
 
 @pytest.mark.parametrize("name", ["ur5 elbow: into it, -1u", "ur5 shoulder: into it, +1u"])
 def test_a_target_out_of_reach_neither_stops_nor_shakes_the_arm(name: str) -> None:
-    """The boundary is approached like a joint limit, and left at once: full tracking within 1 s of reach."""
+    """The boundary is approached like a joint limit, and left at once: full tracking within 1 s after reach is
+    regained."""
     (mine,) = drive(name)
     assert mine["untracked_s"] < 1.0
     assert mine["changes"] <= 8
@@ -190,7 +191,7 @@ def test_a_target_out_of_reach_neither_stops_nor_shakes_the_arm(name: str) -> No
 
 @pytest.mark.exhaustive
 def test_every_drive_is_within_its_bounds() -> None:
-    """Past, from and into each singularity, both ways: the exit code states that ours is within its bounds."""
+    """Past, from and into each singularity, both ways: the exit code states that this package is within its bounds."""
     ran = benchmark("limits", "--only", "singularities", "--json")
     assert ran.code == 0
     assert len(ran.rows()) > 3 * 50
@@ -234,7 +235,7 @@ EXHAUSTIVE = pytest.mark.exhaustive
     ],
 )
 def test_an_exactly_singular_start_is_left(name: str, beside: str) -> None:
-    """V only in the lost direction, both ways: bounded, no chatter, and at the end the arm is where it should be."""
+    """V only in the lost direction, both ways: bounded, no chatter, and the arm reaches the target in the end."""
     for sign in ("+1u", "-1u"):
         (mine,) = drive(f"{name}: from {beside} rad, {sign}")
         assert mine["speed"] <= 1.0
@@ -244,7 +245,7 @@ def test_an_exactly_singular_start_is_left(name: str, beside: str) -> None:
 
 
 def test_a_direction_blocked_by_a_limit_is_truncated_after_the_timeout() -> None:
-    """An exact pass may need a turn that joint limits do not permit: the direction is truncated after the timeout."""
+    """Exact tracking may require a rotation that joint limits forbid: the direction is truncated after the timeout."""
     robot = make_robot("ur5")
     q = np.array([0.3, -1.2, 1.6, -1.2, 0.03, 0.4])
     u = np.linalg.svd(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b)[0]
@@ -261,16 +262,17 @@ def test_a_direction_blocked_by_a_limit_is_truncated_after_the_timeout() -> None
 
 
 def sign_changes(qd: Array, least: float = 0.02) -> int:
-    """How often the joint that does it most turns round, rests and motions below ``least`` rad/s not counted."""
+    """Return the largest number of sign changes of a joint velocity; speeds below ``least`` rad/s do not count."""
     moving = [np.sign(column[np.abs(column) > least]) for column in qd.T]
     return max(int(np.count_nonzero(signs[1:] != signs[:-1])) for signs in moving)
 
 
 @pytest.mark.parametrize(("name", "radius_m", "elbow"), [("panda", 0.75, 3), ("ur5", 0.9, 2)])
 def test_an_elbow_returns_from_out_of_reach_on_the_same_branch(name: str, radius_m: float, elbow: int) -> None:
-    """Led beyond its reach and back by a stream: calm while it waits, and not on the other side of the stretched elbow.
+    """A stream moves beyond the reach and back: the arm is calm meanwhile, and the elbow does not cross the stretched
+    position.
 
-    The other side was taken by chance before: a Panda then ran into the limit of joint 4 and stayed there.
+    Before this was handled, rounding decided the branch: a Panda then moved into the limit of joint 4 and stayed there.
     """
     loop = Loop(make_robot(name), READY[name])
     loop.run(0.05)
@@ -298,7 +300,7 @@ def test_an_elbow_returns_from_out_of_reach_on_the_same_branch(name: str, radius
 
 
 def test_branches_of_a_singularity_are_distinguished_for_any_signs_of_its_decomposition() -> None:
-    """The wrist of a UR5 turned through zero in small steps: crossed from there on, not before."""
+    """The wrist of a UR5 is turned through zero in small steps: it counts as crossed after zero, not before."""
     robot = make_robot("ur5")
     state: Branch | None = None
     chance = np.random.default_rng(7)

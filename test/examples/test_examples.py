@@ -1,4 +1,4 @@
-"""The scripts in examples/ run, and what they print has the properties that they are there to show."""
+"""The scripts in examples/ run, and their output has the properties that they demonstrate."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Newton-Raphson: iterates against exact rational arithmetic and against an independent multiple-precision iteration of
-the planar 2R arm; the screw kinematics against matrix exponentials of 30 digits and against the URDF models; every way
-to end (converged, cap, stalled, diverged, singular, limits) by a problem that must end that way. Convergence from far
-away is not promised and not tested."""
+the planar 2R arm; the screw kinematics against matrix exponentials of 30 digits and against the URDF models; every
+termination reason (converged, cap, stalled, diverged, singular, limits) by a problem that must end that way.
+Convergence from distant starts is not guaranteed and not tested."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_plateau_has_two_roots_and_two_failures() -> None:
 
 
 def test_stalled_at_the_nearest_point() -> None:
-    # Two equations, one unknown, no common root: the steps end at the least squares point, which is no root.
+    # Two equations, one unknown, no common root: the iteration ends at the least squares point, which is no root.
     result = find_root(lambda theta: np.array([theta[0] - 1.0, theta[0] + 1.0]), [5.0])
     assert result.reason is TerminationReason.STALLED
     assert result.theta[0] == pytest.approx(0.0, abs=1e-9)
@@ -94,7 +94,7 @@ def test_values_that_are_not_finite_are_reported_and_not_raised() -> None:
 
 
 def test_truncated_and_damped_steps() -> None:
-    # A cutoff above the smallest singular value leaves its direction alone; damping shortens every step.
+    # With a cutoff above the smallest singular value its direction is not moved; damping shortens every step.
     def diagonal(theta: Array) -> Array:
         return np.diag([1.0, 1e-3])
 
@@ -127,7 +127,7 @@ def test_coordinate_form_of_the_planar_arm() -> None:
 
 
 def test_singular_start_without_a_step() -> None:
-    # A stretched arm that shall come straight in: J has lost that direction and no step is left. Asked for the whole
+    # A stretched arm that has to move straight inwards: J has lost that direction and the step is zero. For the whole
     # pose (6 rows, 2 joints) J keeps its rank; the start is then the nearest point to first order.
     result = solve_coordinates([1.5, 0.0], tip_2r, [0.0, 0.0], lambda theta: np.array([[0.0, 0.0], [2.0, 1.0]]))
     assert (result.reason, len(result.iterates)) == (TerminationReason.SINGULAR, 1)
@@ -137,8 +137,8 @@ def test_singular_start_without_a_step() -> None:
 
 
 def reference_2r(start: tuple[str, str], goal_angle: Any, goal: tuple[Any, Any], steps: int) -> list[tuple[Any, ...]]:
-    """Rows (theta, (wz, vx, vy)) of the body-twist iteration of the planar arm, written for the plane alone with 40
-    digits: V = log of a planar motion in closed form, left inverse by 2x2 normal equations."""
+    """Return rows (theta, (wz, vx, vy)) of the body-twist iteration of the planar arm, implemented for the plane with
+    40 digits: V = log of a planar motion in closed form, left inverse by 2x2 normal equations."""
     rows = []
     theta = mpmath.matrix([mpmath.mpf(start[0]), mpmath.mpf(start[1])])
     for _ in range(steps):
@@ -157,7 +157,8 @@ def reference_2r(start: tuple[str, str], goal_angle: Any, goal: tuple[Any, Any],
 
 
 def test_example_6_1_to_full_precision() -> None:
-    # Every number of the table against an independent iteration; the notes' row 2 prints -0.004 where it is -0.0035.
+    # Every number of the table against an independent iteration; row 2 of the notes prints -0.004 where the value is
+    # -0.0035.
     with mpmath.workdps(40):
         root = mpmath.sqrt(3)
         goal = ((root - 1) / 2, (root + 1) / 2)
@@ -177,7 +178,7 @@ def test_example_6_1_to_full_precision() -> None:
 
 
 def test_printed_goal_is_accepted_and_put_right() -> None:
-    # The notes print T_sd with three decimals: determinant 0.99996. It is projected, not refused.
+    # The notes print T_sd with three decimals: determinant 0.99996. It is projected, not rejected.
     example = planar_2r()
     solution = solve_pose_newton(example.chain, np.round(example.pose_sd, 3), example.start)
     assert (solution.converged, solution.iterations) == (True, 3)
@@ -185,7 +186,7 @@ def test_printed_goal_is_accepted_and_put_right() -> None:
 
 
 def test_half_turn_goal() -> None:
-    # 30 to 210 degrees: the log has two values there, and the textbook formula divides by zero. Either sign will do.
+    # 30 to 210 degrees: the log has two values there, and the textbook formula divides by zero. Either sign is valid.
     example = planar_2r()
     goal = example.chain.pose(np.deg2rad([90.0, 120.0]))
     solution = solve_pose_newton(example.chain, goal, example.start)
@@ -196,7 +197,7 @@ def test_half_turn_goal() -> None:
 
 
 def random_chain(seed: int, n: int) -> ScrewChain:
-    """Revolute joints about random lines, one prismatic when there is room for it."""
+    """Draw revolute joints about random lines, and one prismatic joint if n > 2."""
     rng = np.random.default_rng(seed)
     columns = []
     for index in range(n):
@@ -230,7 +231,7 @@ def test_screw_chain_against_matrix_exponentials() -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_screws_and_urdf_are_the_same_arm(name: str) -> None:
-    # Body and space screws read off the model at q = 0 give its poses, Jacobians and Newton iterates.
+    # Body and space screws taken from the model at q = 0 give its poses, Jacobians and Newton iterates.
     arm = robot(name)
     home, screws_b = arm.evaluate(np.zeros(arm.n))
     space = se3.angular_first(se3.adjoint(home) @ screws_b)
@@ -264,7 +265,7 @@ def test_body_and_space_form_take_the_same_steps_unless_tall() -> None:
 
 
 def test_translation_target() -> None:
-    # Same orientation, 0.1 m along the tool's z: V_b = 0.1 along z, errors fall strictly, done in a few steps.
+    # Same orientation, 0.1 m along the tool's z: V_b = 0.1 along z, errors decrease strictly, few steps.
     arm = robot("ur5")
     start = np.array([-0.5, -0.5, 0.5, -0.5, -0.5, 0.0]) * np.pi
     goal = arm.pose(start) @ se3.exp(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]))
@@ -284,7 +285,7 @@ def test_no_steps_when_already_there() -> None:
 
 
 def test_out_of_reach_ends_at_the_cap_or_states_the_reason() -> None:
-    # The printed loop would not end.
+    # The loop as printed would not terminate.
     arm = robot("ur5")
     goal = np.eye(4)
     goal[0, 3] = 5.0

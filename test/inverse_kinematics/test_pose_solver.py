@@ -1,6 +1,6 @@
-"""The production solver: reachable poses are solved within limits and tolerance (checked by other means than its own),
-the answer does not depend on what was asked before, caps hold, and what cannot be reached is not called solved. The
-full 10,000 poses per robot and the times are `ik_benchmark ik`'s."""
+"""The production solver: reachable poses are solved within limits and tolerance (checked independently), the solution
+does not depend on earlier calls, caps hold, and unreachable poses are not reported as solved. `ik_benchmark ik` runs
+the full 10,000 poses per robot and measures the times."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def errors(reached: Array, wanted: Array) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "ur10", "ur3", "kinova", "talos_arm", "xarm7", "z1"])
 def test_reachable_poses_are_solved_within_limits(name: str) -> None:
-    # Forward kinematics by a second Pinocchio model, straight from the solution.
+    # Forward kinematics by a second Pinocchio model.
     arm = robot(name)
     solver = PoseSolver(arm)
     other = robot(name)
@@ -50,7 +50,7 @@ def test_reachable_poses_are_solved_within_limits(name: str) -> None:
         assert (solution.q >= arm.limits.lower).all()
         assert (solution.q <= arm.limits.upper).all()
         distance, angle = errors(other.pose(solution.q), wanted)
-        # V_b's linear part is not the distance itself, but agrees with it to the angle between the poses.
+        # The linear part of V_b is not the distance itself, but agrees with it up to the angle between the poses.
         assert distance <= 1.001e-6
         assert angle <= 1.001e-6
         assert solution.iterations <= 3000
@@ -82,7 +82,7 @@ def test_first_start_is_the_middle_of_the_range_and_the_rest_fill_it() -> None:
 
 
 def test_same_question_same_bits() -> None:
-    # Also after other questions, and from another solver.
+    # Also after other calls, and from another solver.
     arm = robot("panda")
     solver = PoseSolver(arm)
     wanted = arm.pose(random_positions(arm, 2, 1)[0])
@@ -109,7 +109,7 @@ def test_seed_comes_first() -> None:
 
 
 def test_turns_are_kept_where_limits_permit_them() -> None:
-    # A seed two thirds of a turn up stays there: the caller's difference of joint positions must not jump.
+    # A seed two thirds of a turn higher stays there: the caller's difference of joint positions must not jump.
     arm = robot("ur5")
     q = np.array([4.0, -1.1, 1.3, -0.7, -5.0, 0.3])
     np.testing.assert_allclose(PoseSolver(arm).solve(arm.pose(q), q + 0.02).q, q, atol=1e-5)
@@ -133,7 +133,7 @@ def test_out_of_reach_is_not_solved_and_costs_no_more_than_the_cap() -> None:
 
 
 def test_reachable_only_outside_the_limits_is_not_solved() -> None:
-    # The same arm with limits that shut out both elbow configurations of the goal.
+    # The same arm with limits that exclude both elbow configurations of the goal.
     screws = [[0, 0], [2, 1], [0, 0], [0, 0], [0, 0], [1, 1]]
     home = np.eye(4)
     home[0, 3] = 2.0
@@ -146,7 +146,7 @@ def test_reachable_only_outside_the_limits_is_not_solved() -> None:
 
 
 def test_solution_at_a_limit_is_found() -> None:
-    # Joints at their limits take no part in a step that would push them further.
+    # Joints at their limits are excluded from a step that would move them further outwards.
     arm = robot("panda")
     for index in range(arm.n):
         q = 0.5 * (arm.limits.lower + arm.limits.upper)
@@ -157,7 +157,7 @@ def test_solution_at_a_limit_is_found() -> None:
 
 
 def test_arm_with_fewer_joints_than_the_task() -> None:
-    # Five joints, poses they can reach: least squares steps.
+    # Five joints, reachable poses: least squares steps.
     full = robot("ur5")
     home, screws = full.evaluate(np.zeros(6))
     chain = ScrewChain(home, screws[:, :5], [-3.0] * 5, [3.0] * 5)

@@ -49,8 +49,8 @@ def test_kind_follows_shape_and_rank() -> None:
 
 
 def test_notes_formulas_at_full_rank() -> None:
-    # J'(JJ')^-1 and (J'J)^-1 J' of the notes, in exact rational arithmetic; the notes' printed (JJ')^-1 J' of the tall
-    # case does not even have conformable factors.
+    # J'(JJ')^-1 and (J'J)^-1 J' of the notes, in exact rational arithmetic; the printed (JJ')^-1 J' of the tall case
+    # does not have conformable factors.
     fat = [[1, 2, 0], [0, 1, -1]]
     exact = mpmath.matrix([[1, 0], [2, 1], [0, -1]]) * mpmath.matrix([[5, 2], [2, 2]]) ** -1
     expected = [[float(exact[i, k]) for k in range(2)] for i in range(3)]
@@ -77,7 +77,7 @@ def test_keeps_digits_that_the_normal_equations_lose(shape: tuple[int, int]) -> 
 
 
 def test_rank_deficient_truncated() -> None:
-    # A product of rank 2: the Penrose conditions hold at the reported rank, and the result stays moderate.
+    # A product of rank 2: the Penrose conditions hold at the reported rank, and the result stays bounded.
     j = random_matrix(3, 6, 2) @ random_matrix(4, 2, 7)
     result = pseudoinverse(j)
     assert result.rank == 2
@@ -143,7 +143,7 @@ def test_bad_input_is_named(name: str, arguments: dict[str, Any]) -> None:
 
 
 def test_decompose_never_takes_nan_for_rank_zero() -> None:
-    # Unchecked callers (the control loop) rely on this.
+    # Callers that skip the checks (the control loop) rely on this.
     with pytest.raises(InputError, match="jacobian"):
         decompose(np.full((6, 7), np.nan), "jacobian")
 

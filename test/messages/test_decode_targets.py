@@ -1,6 +1,7 @@
-"""Paths, trajectories and twists as bytes: every message the typestore can write is read back to the same numbers.
+"""Decoding of paths, trajectories and twists: every message that the typestore can write is decoded to the same
+numbers.
 
-Both byte orders, strings of every length (alignment), empty and broken messages.
+Covered: both byte orders, strings of every length (alignment), empty and invalid messages.
 """
 
 from __future__ import annotations

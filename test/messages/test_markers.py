@@ -1,7 +1,7 @@
-"""The run as markers: what a viewer holds after applying every message is what there is, no more and no less.
+"""Markers of a run: after all messages, a viewer displays exactly the present objects.
 
-A small viewer of our own applies the messages as RViz does (namespace and number name a marker). Not tested here: that
-they go out over DDS (test_node.py), and what they look like.
+A minimal viewer applies the messages as RViz does (a marker is identified by namespace and number). Not tested here:
+transport over DDS (test_node.py) and appearance.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def at(tick: int) -> Instant:
 
 
 class Viewer:
-    """What a screen shows."""
+    """Minimal viewer: the markers that are displayed."""
 
     def __init__(self) -> None:
         self.shown: dict[tuple[str, int], Any] = {}
@@ -57,7 +57,7 @@ def step_at(tick: int, position: Any, **changes: Any) -> Step:
 
 
 def test_obstacles_are_shown_where_they_are_and_keep_their_numbers() -> None:
-    """The markers are read back by what reads ~/obstacles: the same solids at the same places."""
+    """The decoder of ~/obstacles reads the markers back as the same solids at the same poses."""
     markers, viewer, pose = SceneMarkers("base"), Viewer(), se3.exp(np.array([0.3, -0.2, 0.5, 0.4, -0.7, 0.2]))
     scene = Scene().put(obstacle("wall", BOX, pose)).put(obstacle("ball", BALL, pose)).put(obstacle("post", POST, pose))
     data = markers.encode_markers(scene, at(0))
@@ -73,7 +73,7 @@ def test_obstacles_are_shown_where_they_are_and_keep_their_numbers() -> None:
     moved = scene.remove("ball").put(obstacle("post", POST, se3.exp(np.full(6, 0.1))))
     viewer.take(markers.encode_markers(moved, at(1)))
     second = {f"obstacles/{number}" for number in viewer.numbers("obstacles")}
-    assert second == first - {read[1].name}, "the others kept their numbers, the ball is gone"
+    assert second == first - {read[1].name}, "the other obstacles kept their numbers, the ball is removed"
     viewer.take(markers.encode_markers(moved.put(obstacle("new", BALL, pose)), at(2)))
     assert len(viewer.numbers("obstacles")) == 3
     viewer.take(markers.encode_markers(Scene(), at(3)))
@@ -81,7 +81,7 @@ def test_obstacles_are_shown_where_they_are_and_keep_their_numbers() -> None:
 
 
 def test_obstacles_that_expire_or_move_by_themselves() -> None:
-    """No tick is made meanwhile: the arm may be paused."""
+    """No control step runs in between, because the arm may be paused."""
     markers, viewer = SceneMarkers("base"), Viewer()
     brief = obstacle("brief", BALL, np.eye(4), at(0).monotonic_ns, expires_ns=at(5).monotonic_ns)
     steady = obstacle("steady", BALL, np.eye(4), at(0).monotonic_ns, velocity_s=np.array([0.0, 0.5, 0.0]))
@@ -103,7 +103,7 @@ def test_a_capsule_is_a_cylinder_with_two_round_ends() -> None:
 def test_the_tool_path_is_where_the_tool_was_and_stays_bounded() -> None:
     markers, viewer = SceneMarkers("base"), Viewer()
     viewer.take(markers.encode_markers(Scene(), at(0)))
-    assert not viewer.shown, "nothing is known yet"
+    assert not viewer.shown, "no data has been received yet"
     angles = np.linspace(0.0, 2.0 * np.pi, 500)
     circle = np.column_stack((0.1 * np.cos(angles), 0.1 * np.sin(angles), np.full(500, 0.4)))
     for tick, point in enumerate(circle):
@@ -118,7 +118,7 @@ def test_the_tool_path_is_where_the_tool_was_and_stays_bounded() -> None:
     assert len(strip) > 100
     markers.add_step(stopped_step(500, 7))
     viewer.take(markers.encode_markers(Scene(), at(11)))
-    assert ("tool_path", 0) in viewer.shown, "what was not measured adds nothing"
+    assert ("tool_path", 0) in viewer.shown, "values that were not measured add no points"
     for tick in range(3000):
         markers.add_step(step_at(tick, (0.01 * tick, 0.0, 0.0)))
         if tick % 100 == 99:
@@ -143,7 +143,7 @@ def test_target_and_clearance_are_shown_while_they_are_known() -> None:
     tips = np.array([[p.x, p.y, p.z] for p in axes.points[1::2]]) - step.pose_sd[:3, 3]
     assert np.abs(tips - 0.1 * step.pose_sd[:3, :3].T).max() < 1e-12
     near, far = (viewer.shown["obstacles", number].color for number in sorted(viewer.numbers("obstacles")))
-    assert near != far, "the obstacle that is nearest stands out"
+    assert near != far, "the nearest obstacle is highlighted"
     markers.add_step(stopped_step(1, 7))
     viewer.take(markers.encode_markers(scene, at(1)))
     assert {ns for ns, _ in viewer.shown} == {"obstacles"}
@@ -164,7 +164,7 @@ def test_the_first_message_and_the_last_sweep_the_screen() -> None:
 
 
 def test_ros_reads_the_same() -> None:
-    """And the same content gives the same bytes."""
+    """rclpy reads the same content and serialises it to the same bytes."""
     first, second = SceneMarkers("base"), SceneMarkers("base")
     scene = Scene().put(obstacle("post", POST, se3.exp(np.full(6, 0.3))))
     for markers in (first, second):

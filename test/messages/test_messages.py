@@ -1,6 +1,6 @@
-"""Message bytes must mean to ROS what they mean to us: whatever is encoded here is read with rclpy's own deserialiser,
-and whatever rclpy's serialiser writes is decoded here, bit for bit. Step and calls must survive their way through
-standard messages exactly, since a replay is compared bit for bit. Not tested: transport over DDS (the node's tests)."""
+"""Encoding and decoding agree with ROS: rclpy's deserialiser reads what the package encodes, and the package decodes
+bit for bit what rclpy's serialiser writes. Steps and calls survive encoding as standard messages exactly, because
+replays are compared bit for bit. Not tested here: transport over DDS (tests of the node)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def ros_class(type_name: str) -> Any:
-    """The class of rclpy's message."""
+    """Return rclpy's message class."""
     pytest.importorskip("rclpy", reason="ROS 2 is not installed: no independent serialiser to compare with")
     package, _, name = type_name.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def by_ros(data: bytes, type_name: str) -> Any:
-    """What rclpy reads from the bytes."""
+    """Deserialise the bytes with rclpy."""
     kind = ros_class(type_name)
     from rclpy.serialization import deserialize_message
 
@@ -48,7 +48,7 @@ def by_ros(data: bytes, type_name: str) -> Any:
 
 
 def from_ros(message: Any) -> bytes:
-    """The bytes that rclpy writes."""
+    """Serialise the message with rclpy."""
     from rclpy.serialization import serialize_message
 
     return bytes(serialize_message(message))
@@ -69,7 +69,7 @@ def numbers(*groups: Any) -> list[float]:
 @pytest.mark.parametrize("frame_id", ["", "a", "panda_link0", "ünïcode", "four", "world/left arm"])
 @pytest.mark.parametrize("stamp_ns", [0, 1, STAMP_NS, 2**31 * 10**9 - 1, -1_500_000_000])
 def test_poses_twists_and_wrenches_mean_the_same_to_ros(frame_id: str, stamp_ns: int) -> None:
-    """Frames of every alignment, stamps at their ends; numbers that are special must pass unchanged."""
+    """Frame names of every alignment, smallest and largest stamps; special numbers pass unchanged."""
     values = np.array([1.5, -0.0, np.inf, 5e-324, np.nan, -1e300, 1 / 3])
     pose = by_ros(encode.encode_pose(frame_id, stamp_ns, values[:3], values[3:]), "geometry_msgs/msg/PoseStamped")
     assert (pose.header.frame_id, stamp_of(pose)) == (frame_id, stamp_ns)
@@ -107,7 +107,7 @@ def test_commands_are_what_forwarding_controllers_take(n: int) -> None:
 
 
 def test_commands_with_a_layout_are_understood() -> None:
-    """Some senders describe the one dimension there is."""
+    """Some publishers describe the single dimension of the array."""
     message = ros_class("std_msgs/msg/Float64MultiArray")()
     dimension = ros_class("std_msgs/msg/MultiArrayDimension")()
     dimension.label, dimension.size, dimension.stride = "joints", 2, 2
@@ -119,13 +119,13 @@ def test_commands_with_a_layout_are_understood() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_no_command_leaves_that_is_not_finite(value: float) -> None:
-    """The last gate before the motors."""
+    """This is the last check before the command is published."""
     with pytest.raises(InputError, match="not finite"):
         encode.encode_command(np.array([0.0, value]))
 
 
 def test_arrays_of_another_shape_or_type_are_refused() -> None:
-    """A template filled with other numbers of bytes would be a broken message on the wire."""
+    """A template filled with a different number of bytes would produce an invalid message."""
     twists: tuple[Any, ...] = (np.zeros(5), np.zeros((6, 1)), np.zeros(6, dtype=np.float32))
     for twist in twists:
         with pytest.raises(InputError, match="expected float64"):
@@ -133,7 +133,7 @@ def test_arrays_of_another_shape_or_type_are_refused() -> None:
 
 
 def test_templates_give_the_bytes_of_the_plain_serialiser() -> None:
-    """The fast way and the typestore's must not differ, or recordings of both would."""
+    """The templates and the typestore must give the same bytes, because recordings contain both."""
     rng = np.random.default_rng(1)
     for data, type_name in (
         (
@@ -193,7 +193,7 @@ def test_a_step_goes_out_on_every_topic_with_its_frames() -> None:
 
 
 def test_a_stopped_step_sends_zeros_and_nothing_that_was_not_computed() -> None:
-    """NaN must not reach anybody who might act on it."""
+    """NaN must not be published as a command or target."""
     step, outputs = stopped_step(0, 7), StepOutputs(JOINTS, "base", "tip")
     assert decode.decode_command(outputs.command(step)).tolist() == [0.0] * 7
     assert [topic for topic, _ in outputs.others(step)] == [encode.JOINT_VELOCITY]
@@ -213,13 +213,13 @@ def test_status_values_say_the_figures_of_a_step() -> None:
     assert step_outputs.step_values(stopped_step(0, 7), "plain")["scale"] == "nan"
 
 
-# --- decoding what ROS wrote ---
+# --- decoding of messages written by ROS ---
 
 
 @pytest.mark.parametrize("frame_id", ["", "base", "ünïcode"])
 @pytest.mark.parametrize("names", [(), ("a",), JOINTS, ("gripper", "längs")])
 def test_joint_states_of_ros_are_understood(frame_id: str, names: tuple[str, ...]) -> None:
-    """With and without velocity and effort, and with the bytes that rclpy's serialiser sometimes appends."""
+    """With and without velocity and effort, and with the padding bytes that rclpy's serialiser sometimes appends."""
     message = ros_class("sensor_msgs/msg/JointState")()
     message.header.frame_id, message.name = frame_id, list(names)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(STAMP_NS, 1_000_000_000)
@@ -227,14 +227,14 @@ def test_joint_states_of_ros_are_understood(frame_id: str, names: tuple[str, ...
     for fill in (("position",), ("position", "velocity"), ("position", "velocity", "effort"), ("velocity",)):
         for name in ("position", "velocity", "effort"):
             setattr(message, name, values.tolist() if name in fill else [])
-        for _ in range(2):  # the second time the names are known already
+        for _ in range(2):  # the second pass uses the cached names
             sample = decode.decode_joint_state(from_ros(message))
             assert (sample.stamp_ns, sample.names) == (STAMP_NS, names)
             assert same_bits(sample.position, values if "position" in fill else np.empty(0))
 
 
 def test_names_of_another_driver_of_the_same_length_are_not_mistaken() -> None:
-    """Names are remembered between messages; a second driver's must not be read as the first one's."""
+    """Names are cached between messages; those of a second driver must not be read as those of the first."""
     for names in (("a1", "a2"), ("b1", "b2"), ("a1", "a2"), ("a1", "b2")):
         assert decode.decode_joint_state(encode.encode_joint_state(names, 0, np.ones(2))).names == names
 
@@ -263,7 +263,7 @@ def test_messages_of_big_endian_machines_are_understood() -> None:
 
 
 def test_damaged_bytes_are_refused_with_the_type_named() -> None:
-    """Every truncation and many flipped bytes: refused as InputError or read as something; no other error."""
+    """Truncated messages and flipped bits either raise InputError or decode to some value; no other error occurs."""
     rng = np.random.default_rng(0)
     cases = (
         (decode.decode_joint_state, encode.encode_joint_state(JOINTS, STAMP_NS, np.ones(7)), "JointState"),
@@ -285,7 +285,7 @@ def test_damaged_bytes_are_refused_with_the_type_named() -> None:
 
 
 def test_what_is_decoded_can_be_changed_and_is_aligned() -> None:
-    """Views into message bytes are read-only and lie at odd addresses, which Pinocchio must not be given."""
+    """Views into message bytes are read-only and unaligned; Pinocchio requires aligned arrays."""
     sample = decode.decode_joint_state(encode.encode_joint_state(JOINTS, 0, np.ones(7)))
     assert sample.position.flags.writeable
     assert sample.position.flags.aligned
@@ -296,7 +296,7 @@ def test_what_is_decoded_can_be_changed_and_is_aligned() -> None:
 
 @pytest.mark.parametrize("n", [1, 6, 7, 8])
 def test_steps_come_back_bit_for_bit(n: int) -> None:
-    """Stopped ticks with NaN, -0.0 and denormals, changing texts: all of it, through bytes, equals the original."""
+    """Stopped steps with NaN, -0.0 and denormals, and changing texts equal the original after encoding and decoding."""
     run = steps(20, n)
     encoder, decoder = StepEncoder("/ik_node", n), StepDecoder()
     texts_written = 0
@@ -313,7 +313,7 @@ def test_steps_come_back_bit_for_bit(n: int) -> None:
 
 
 def test_every_field_of_a_step_has_a_place_in_its_message() -> None:
-    """Counters and times are encoded one by one; all other fields by their kind."""
+    """Counters and times are encoded individually, all other fields by their type."""
     in_head = {"tick", "now", "state_time_ns"}
     declared = {field.name for field in (*ARRAY_FIELDS, *NUMBER_FIELDS, *TEXT_FIELDS)}
     assert declared | in_head == set(Step._fields)
@@ -332,7 +332,7 @@ def test_a_step_opens_anywhere_with_its_slices_named() -> None:
 
 
 def test_times_beyond_the_precision_of_a_double_are_kept() -> None:
-    """Nanoseconds of an epoch need 61 bits; a double has 53."""
+    """Epoch times in nanoseconds need 61 bits; a double has 53."""
     for nanoseconds in (0, 1, STAMP_NS, 2**62 + 1, -1):
         step = made_step(0, 6)._replace(now=Instant(nanoseconds, nanoseconds + 1), state_time_ns=nanoseconds - 1)
         texts, data = StepEncoder("", 6).encode(step)
@@ -372,7 +372,7 @@ def test_calls_come_back_exactly() -> None:
 
 
 def test_parameters_come_back_exactly() -> None:
-    """All of ours, and every type with awkward values."""
+    """All parameters of the package, and every parameter type with special values."""
     values: dict[str, Value] = {
         **Settings().flat(),
         "x.list": (0.1, -0.0),

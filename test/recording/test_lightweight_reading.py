@@ -1,4 +1,4 @@
-"""Reading a recording must work without the numerical libraries of the controller: tools that only display or convert
+"""Reading a recording does not import the numerical libraries of the controller: tools that only display or convert
 recordings start quickly and run where Pinocchio is not installed."""
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A recording must hold exactly what was written, open in other people's tools, and survive what happens to robots'
-computers: a killed process, a full disk, a disk that cannot keep up. Each is tried for real, files are read by our own
-reader and by `rosbags`, `mcap` and `mcap_ros2`. Where chunks, parts or a full queue matter, the file is written at the
-test's word, so that no count depends on the machine. Not tested here: what the node writes into it (the node's tests),
-and how long anything takes (`ik_benchmark recording`)."""
+"""Recordings contain exactly what was written, open in other tools, and remain readable after a killed process, with a
+full disk, and with a disk that is too slow. Each case is provoked; files are read by the package's reader and by
+`rosbags`, `mcap` and `mcap_ros2`. Where chunks, parts or a full queue matter, the test triggers the writing itself, so
+that counts do not depend on the machine. Not tested here: what the node records (tests of the node) and durations
+(`ik_benchmark recording`)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ UNPACKED = STEPWISE._replace(compression="none")
 
 
 def write_sample(directory: Path, options: RecorderOptions | None = None, count: int = 400) -> Written:
-    """A recording of several topics and types; returns (topic, bytes, log time) as written.
+    """Write a recording of several topics and types; return (topic, bytes, log time) as written.
 
     Without a thread its chunks are of 30 messages.
     """
@@ -106,7 +106,7 @@ def metadata_of(directory: Path) -> dict[str, Any]:
     return information
 
 
-# --- what is written is what is read, here and elsewhere ---
+# --- what is written is read, by this package and by other tools ---
 
 
 @pytest.mark.parametrize("own_thread", [True, False])
@@ -122,7 +122,8 @@ def test_everything_comes_back_in_order(tmp_path: Path, compression: str, own_th
 
 @pytest.mark.parametrize("compression", sorted(COMPRESSORS))
 def test_rosbags_reads_every_message(tmp_path: Path, compression: str) -> None:
-    """With the schemas of the file itself; through metadata.yaml, whose QoS and hashes can make it skip or raise."""
+    """With the schemas of the file, and through metadata.yaml, whose QoS and hashes can make rosbags skip a topic or
+    raise."""
     written = write_sample(tmp_path / "bag", RecorderOptions(compression=compression))
     with AnyReader([tmp_path / "bag"]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
@@ -152,7 +153,7 @@ def test_mcap_ros2_decodes_every_message(tmp_path: Path) -> None:
 
 
 def test_the_file_is_sound_by_the_mcap_library(tmp_path: Path) -> None:
-    """Checksums, statistics, and the indexes: a reader that seeks must find what one finds that reads it all."""
+    """Checksums, statistics and indexes: a reader that seeks finds the same messages as one that reads sequentially."""
     written = write_sample(tmp_path / "bag", STEPWISE)
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         records = list(StreamReader(stream, validate_crcs=True).records)
@@ -201,7 +202,7 @@ def test_metadata_says_what_the_directory_holds(tmp_path: Path) -> None:
 
 
 def test_channel_and_metadata_agree_to_the_letter(tmp_path: Path) -> None:
-    """Where QoS or hashes differ between both, readers skip the topic without a word."""
+    """Where QoS or hashes differ between both, readers skip the topic without a message."""
     write_sample(tmp_path / "bag")
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -217,7 +218,7 @@ def test_channel_and_metadata_agree_to_the_letter(tmp_path: Path) -> None:
 
 
 def test_schemas_and_hashes_are_those_of_ros(tmp_path: Path) -> None:
-    """Definitions must be complete, without a ROS installation on the reader's side; hashes those of ROS's packages."""
+    """Definitions are complete without a ROS installation on the reader's side; hashes are those of ROS."""
     recorder = Recorder(tmp_path / "bag")
     types = {*encode.TYPES.values(), *input_table.INPUT_TYPES.values(), STRING, "rcl_interfaces/msg/ParameterEvent"}
     for number, name in enumerate(sorted(types)):
@@ -267,7 +268,7 @@ def test_source_times_and_sequences_are_kept(tmp_path: Path) -> None:
     assert list(Recording(tmp_path / "bag").messages()) == [RecordedMessage("/text", STRING, data, 2_000, 1_000, 41)]
 
 
-# --- what must not happen ---
+# --- failures ---
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
@@ -327,7 +328,8 @@ def test_a_control_loop_need_not_wait_for_the_end(tmp_path: Path) -> None:
 
 
 def test_a_full_queue_drops_and_counts(tmp_path: Path) -> None:
-    """Faster than any disk: what is left out is counted, the rest is whole, and the file says how many there were."""
+    """Writing is faster than any disk: dropped messages are counted, the rest is complete, and the file states the
+    number."""
     recorder = Recorder(tmp_path / "bag", STEPWISE._replace(queue_mb=0.1))
     channel = recorder.channel("/text", STRING)
     taken: list[int] = []
@@ -368,8 +370,8 @@ FULL_DISK = """
 
 @pytest.mark.parametrize("writer", ["thread", "no thread"])
 def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, writer: str) -> None:
-    """A limit on file size stands for the full disk: the same call fails in the same way. No exception, the reason is
-    said, everything that is missing is counted, and what was written is readable."""
+    """A limit on the file size stands for the full disk, because the same call fails in the same way. No exception is
+    raised, the reason is reported, every missing message is counted, and the written part is readable."""
     result = run_script(FULL_DISK, tmp_path / "bag", writer)
     counts, error = result.splitlines()
     accepted, offered, dropped, late, ended = map(int, counts.split())
@@ -380,10 +382,10 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, writer:
     assert dropped == offered - len(found)
     assert (late, ended) == (0, 1)
     if writer == "no thread":
-        assert (len(found), accepted) == (160, 180), "chunks of 20: the ninth did not fit, and ended it"
+        assert (len(found), accepted) == (160, 180), "chunks of 20: the ninth did not fit and ended the recording"
 
 
-# --- killed ---
+# --- killed processes ---
 
 
 KILLED = """
@@ -400,12 +402,12 @@ KILLED = """
     print("written", flush=True)
     sys.stdin.read()
 """
-"""Writes 350 messages, and the file after each 100 of them; then it waits to be killed."""
+"""Writes 350 messages, flushing the file after each 100 of them, then waits to be killed."""
 
 
 @contextmanager
 def killed(directory: Path, writer: str) -> Iterator[None]:
-    """Runs the script up to where it waits; kills it at the end."""
+    """Run the script up to its wait; kill it at the end."""
     command = [sys.executable, "-c", textwrap.dedent(KILLED), str(directory), writer]
     environment = {**os.environ, "PYTHONPATH": str(PROJECT)}
     with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -427,7 +429,7 @@ def run_script(script: str, *arguments: str | Path) -> str:
 
 
 def test_killed_it_loses_what_was_not_yet_written(tmp_path: Path) -> None:
-    """Nothing lingers in the process that was to be in the file; how often it is written is a matter of options."""
+    """No message stays in the process longer than the options allow."""
     with killed(tmp_path / "bag", "no thread"):
         pass
     recording = Recording(tmp_path / "bag")
@@ -444,7 +446,7 @@ def test_the_thread_writes_without_being_told(tmp_path: Path) -> None:
 
 
 def test_cut_off_anywhere_the_rest_is_read(tmp_path: Path) -> None:
-    """Whatever the length at which a file ends, what comes back is a beginning of what was written, chunk by chunk."""
+    """For every length of the truncated file, the result is a prefix of the written messages, in whole chunks."""
     written = write_sample(tmp_path / "bag", STEPWISE, count=150)
     whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
     cut = tmp_path / "cut_0.mcap"
@@ -461,7 +463,7 @@ def test_cut_off_anywhere_the_rest_is_read(tmp_path: Path) -> None:
 
 
 def test_a_damaged_file_is_refused_and_a_cut_off_one_ends_there(tmp_path: Path) -> None:
-    """A flipped bit inside a chunk is found by its checksum."""
+    """A flipped bit inside a chunk is detected by its checksum."""
     write_sample(tmp_path / "bag", RecorderOptions(compression="none"))
     file = tmp_path / "bag" / "bag_0.mcap"
     data = bytearray(file.read_bytes())
@@ -474,7 +476,7 @@ def test_a_damaged_file_is_refused_and_a_cut_off_one_ends_there(tmp_path: Path) 
 
 
 def test_a_message_longer_than_its_chunk_is_refused(tmp_path: Path) -> None:
-    """Another's file without checksums: nothing but a length is wrong. What stands before it is read."""
+    """A file of another writer without checksums: only a length is wrong. The messages before it are read."""
     file = tmp_path / "other_0.mcap"
     with file.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE, enable_crcs=False)
@@ -482,7 +484,7 @@ def test_a_message_longer_than_its_chunk_is_refused(tmp_path: Path) -> None:
         channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b""))
         for number in range(9):
             writer.add_message(channel, number, b"text %d" % number, number)
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap's has no annotations
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap has no annotations
     data = bytearray(file.read_bytes())
     length_at = data.index(b"text 7") - 22 - 8
     data[length_at + 2] = 1  # 65536 bytes more
@@ -520,7 +522,8 @@ def parts_of(directory: Path) -> list[Written]:
 
 
 def test_a_recording_is_split_and_latched_topics_stand_at_the_head_of_each_part(tmp_path: Path) -> None:
-    """Each file must be of use by itself; together they hold everything once, but for what is repeated on purpose."""
+    """Each file is readable by itself; together they contain every message once, except for the repeated latched
+    topics."""
     recorder = Recorder(tmp_path / "bag", UNPACKED._replace(max_part_mb=0.05))
     latched = recorder.channel("/latched", STRING, Qos(depth=1, latched=True))
     plain = recorder.channel("/plain", STRING)
@@ -536,7 +539,7 @@ def test_a_recording_is_split_and_latched_topics_stand_at_the_head_of_each_part(
     parts = parts_of(tmp_path / "bag")
     assert len(parts) == 5
     sizes = [(tmp_path / "bag" / f"bag_{number}.mcap").stat().st_size for number in range(5)]
-    assert all(50_000 <= size < 65_000 for size in sizes[:-1]), "due size, a chunk more, and the summary"
+    assert all(50_000 <= size < 65_000 for size in sizes[:-1]), "due size, one more chunk, and the summary"
     assert [path.name for path in sorted((tmp_path / "bag").glob("*.mcap"))] == [
         f"bag_{number}.mcap" for number in range(len(parts))
     ]
@@ -584,7 +587,7 @@ TARGET = ("base", ROS_START_NS, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 0
 
 
 def record_run(directory: Path, count: int = 60, options: RecorderOptions | None = None) -> RunRecording:
-    """A run of made-up Steps of a Panda with targets, a pause, a reset and a change of parameters."""
+    """Record synthetic Steps of a Panda with targets, a pause, a reset and a change of parameters."""
     robot, settings = panda(), Settings()
     outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
     run = steps(count)
@@ -669,7 +672,7 @@ def calls_of(directory: Path) -> Iterator[step_codec.Call]:
 
 
 def test_calls_stand_in_order_and_lead_to_what_they_took(tmp_path: Path) -> None:
-    """A replay makes the same calls with the same messages at the same times: all three must be found again."""
+    """A replay makes the same calls with the same messages at the same times, so all three are compared."""
     record_run(tmp_path / "bag")
     inputs: dict[tuple[str, int], RecordedMessage] = {
         (message.topic, message.sequence): message for message in Recording(tmp_path / "bag").messages()
@@ -703,7 +706,8 @@ def test_steps_come_back_bit_for_bit_from_the_file(tmp_path: Path) -> None:
 
 
 def test_the_same_run_gives_the_same_recording(tmp_path: Path) -> None:
-    """Every byte of every message, every time and their order, whoever writes; without a thread, the file as well."""
+    """Every byte of every message, every time and their order, with and without a thread; without one, the file as
+    well."""
     for name, options in (("one", None), ("two", None), ("three", STEPWISE), ("four", STEPWISE)):
         record_run(tmp_path / name / "bag", options=options)
     one, two, three, four = (tmp_path / name / "bag" for name in ("one", "two", "three", "four"))
@@ -754,7 +758,7 @@ def test_a_recording_of_something_else_is_refused_with_what_it_holds(tmp_path: P
 
 
 def test_a_queue_that_overflows_leaves_a_run_that_can_be_read(tmp_path: Path) -> None:
-    """A Step whose texts were left out would be unreadable: it is left out too, and the next one brings them again."""
+    """A Step whose texts were dropped would be unreadable: it is dropped too, and the next one repeats the texts."""
     robot = panda()
     setup = run_setup("/ik_node", robot, Settings(), {})
     recording = RunRecording(tmp_path / "bag", setup, Instant(0, ROS_START_NS), STEPWISE._replace(queue_mb=0.15))

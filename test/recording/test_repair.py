@@ -1,6 +1,6 @@
-"""A recording that was cut off, wherever, must be whole after ik_repair: every tool opens it and finds every message
-that stood in it, and nothing that was whole has changed. What is not cut off but being written, or damaged, stays
-untouched. Not tested: how much a killed writer loses (test_recording.py; `ik_benchmark recording` does it 20 times)."""
+"""Repair of truncated recordings: for every length, every tool opens the repaired file and finds every message that was
+in it, and complete files are unchanged. Files that are being written or are damaged otherwise remain untouched. Not
+tested: how much a killed writer loses (test_recording.py; `ik_benchmark recording` measures it 20 times)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from ik_node.trajectory.shapes import figure_of_eight
 
 
 def cut(directory: Path, whole: bytes, length: int, name: str = "bag_0.mcap") -> Path:
-    """A recording of one file that ends after ``length`` bytes."""
+    """Return a recording of one file that is truncated after ``length`` bytes."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir()
     (directory / name).write_bytes(whole[:length])
@@ -50,7 +50,7 @@ def cut(directory: Path, whole: bytes, length: int, name: str = "bag_0.mcap") ->
 
 
 def assert_whole(directory: Path, wanted: Written) -> None:
-    """By our reader, and by others' that need the index, the statistics and metadata.yaml."""
+    """Check with the package's reader, and with others that need the index, the statistics and metadata.yaml."""
     assert Recording(directory).complete
     assert read_back(directory) == wanted
     information = metadata_of(directory)
@@ -122,7 +122,7 @@ def test_of_a_split_recording_only_the_last_file_was_cut_off(tmp_path: Path) -> 
     recorder.close()
     bag = tmp_path / "bag"
     (bag / "metadata.yaml").unlink()
-    (bag / "bag_3.mcap").write_bytes(b"")  # created, and then the power went
+    (bag / "bag_3.mcap").write_bytes(b"")  # created before a power failure
     file = bag / "bag_2.mcap"
     file.write_bytes(file.read_bytes()[:-3000])
     before = [path.read_bytes() for path in (bag / "bag_0.mcap", bag / "bag_1.mcap")]
@@ -175,7 +175,7 @@ def test_zeros_that_a_power_cut_leaves_at_the_end_are_removed(tmp_path: Path) ->
 
 
 def test_recordings_of_others_are_repaired_too(tmp_path: Path) -> None:
-    """Written by the mcap library, as most tools in Python do: channels inside of chunks, other numbers."""
+    """Written by the mcap library, as most Python tools do: channels inside chunks, other numbers."""
     file = tmp_path / "theirs.mcap"
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=2000)
@@ -184,7 +184,7 @@ def test_recordings_of_others_are_repaired_too(tmp_path: Path) -> None:
         channels = [writer.register_channel(f"/text{number}", "cdr", schema) for number in range(3)]
         for number in range(300):
             writer.add_message(channels[number % 3], ROS_START_NS + number, encode.encode_string("x" * 50), number)
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap's has no annotations
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap has no annotations
     whole = file.read_bytes()
     for length in range(200, len(whole), len(whole) // 20):
         file.write_bytes(whole[:length])
@@ -195,7 +195,7 @@ def test_recordings_of_others_are_repaired_too(tmp_path: Path) -> None:
             assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) == len(wanted)
 
 
-# --- what stays untouched ---
+# --- files that remain untouched ---
 
 
 def assert_untouched(path: Path, reason: str) -> None:
@@ -247,7 +247,7 @@ def moved_loop(directory: Path) -> Loop:
 
 
 def test_a_repaired_run_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Up to where it was cut off: a call whose Step was not written any more is no difference."""
+    """Up to the truncation: a call whose Step was not written does not count as a difference."""
     moved_loop(tmp_path / "bag")
     whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
     for part in (0.5, 0.7, 0.9):
@@ -264,7 +264,7 @@ def test_a_repaired_run_replays(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_left_out_messages_are_counted_by_their_gaps(tmp_path: Path) -> None:
-    """Of a killed writer nobody knows what it dropped, but for the sequence numbers."""
+    """A killed writer reports no dropped messages, so they are counted by sequence numbers."""
     loop = recorded_loop(
         tmp_path / "bag", {"rate_hz": 200.0}, options=RecorderOptions(queue_mb=0.1, flush_period_s=0.6)
     )
@@ -282,7 +282,7 @@ def test_left_out_messages_are_counted_by_their_gaps(tmp_path: Path) -> None:
 
 
 def test_killed_and_repaired(tmp_path: Path) -> None:
-    """The real thing: a process killed while it records."""
+    """End to end: a process that is killed while it records."""
     with killed(tmp_path / "bag", "no thread"):
         pass
     wanted = read_back(tmp_path / "bag")

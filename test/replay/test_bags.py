@@ -1,6 +1,6 @@
-"""The regression suite: every recording in bags/ comes out of the controller as it was recorded. A run of your own is a
-test case once its folder lies there (see bags/README.md). Elsewhere than on the kind of machine that made them, or
-after changes of the code that only round otherwise, numbers may part by rounding."""
+"""Regression suite: the controller reproduces every recording in bags/. A recording becomes a test case when its folder
+is placed there (see bags/README.md). On other processors, or after code changes that affect rounding only, numbers may
+differ by rounding."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_recording_comes_out_as_it_is(path: Path) -> None:
 
 
 def test_every_case_of_the_script_is_there() -> None:
-    """An empty folder proves nothing."""
+    """An empty folder would make every test pass."""
     sys.path.insert(0, str(FOLDER))
     try:
         from remake import CASES

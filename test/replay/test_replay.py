@@ -1,7 +1,7 @@
-"""The recorded calls through a new controller must give the recorded Steps, bit for bit: from recordings of the real
-node over DDS and of the controller in one process, with every kind of call, from their start or from the middle. What
-parts must be found at its tick and named. Not tested here: what a recording holds (test_recording.py), how long
-anything takes (`ik_benchmark replay`)."""
+"""Replay: the recorded calls to a new controller give the recorded Steps bit for bit, for recordings of the real node
+over DDS and of the controller in one process, with every kind of call, from the start or from the middle. A difference
+is reported with its step and field. Not tested here: the content of recordings (test_recording.py) and durations
+(`ik_benchmark replay`)."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def assert_same(found: Comparison, loop: Loop) -> None:
     assert (found.missing_calls, found.missing_steps, found.skipped_calls) == (0, 0, 0)
 
 
-# --- the same bits ---
+# --- identical bits ---
 
 
 @pytest.mark.parametrize("method", METHOD_NAMES)
@@ -71,7 +71,7 @@ def test_every_method_and_law_comes_out_the_same(tmp_path: Path, method: str, la
 
 
 def eventful(loop: Loop) -> None:
-    """Every kind of call, and every reason to stop and go on."""
+    """Make a run with every kind of call and every reason to stop and to continue."""
     controller, robot = recorder(loop), loop.robot
     follow(loop, 0.6)
     controller.pause(loop.now, "paused by request")
@@ -91,12 +91,12 @@ def eventful(loop: Loop) -> None:
     controller.on_publishers("2 publishers on target_pose", loop.now)
     loop.run(0.1)
     controller.on_publishers("", loop.now)
-    for _ in range(15):  # silence
+    for _ in range(15):  # no messages
         loop.time_ns += 10_000_000
         loop.take(controller.on_clock(loop.now))
     loop.run(0.1)
     names, q = robot.joints, loop.position
-    for part in (slice(0, 3), slice(3, None)):  # in pieces, with a foreign joint between
+    for part in (slice(0, 3), slice(3, None)):  # in two messages, with the joint of another device in between
         loop.time_ns += NS // 1000
         loop.take(
             controller.on_joint_state(JointSample(0, (*names[part], "finger"), np.append(q[part], 1.0)), loop.now)
@@ -115,7 +115,7 @@ def test_every_kind_of_call_comes_out_the_same(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_begins_in_the_middle_comes_out_the_same(tmp_path: Path) -> None:
-    """At moments of every kind: before the first state, moving, in a ramp, paused, silent, in a fault."""
+    """From every state: before the first joint state, moving, ramping, paused, without joint states, in a fault."""
     loop = recorded_loop(tmp_path / "first", {"rate_hz": 250.0})
     moments = 0
 
@@ -166,17 +166,17 @@ def test_each_part_of_a_split_recording_comes_out_the_same_by_itself(tmp_path: P
     assert_same(whole, loop)
     parts = sorted((tmp_path / "bag").glob("*.mcap"))
     assert len(parts) == 5
-    assert whole.snapshots == 2 * (len(parts) - 1), "at the end of each part and at the head of the next"
+    assert whole.snapshots == 2 * (len(parts) - 1), "at the end of each part and at the start of the next"
     alone = [replayed(part) for part in parts]
     assert all(found.first is None and found.missing_calls == 0 for found in alone)
     assert sum(found.steps for found in alone) == whole.steps
 
 
-# --- what parts, or is not there ---
+# --- differences and missing data ---
 
 
 def changed(recorded: RecordingSource, number: int, **fields: Any) -> None:
-    """From now on the recorded event of that number is another."""
+    """Replace the recorded event of that number."""
     original = recorded.entries
 
     def entries() -> Any:
@@ -188,7 +188,7 @@ def changed(recorded: RecordingSource, number: int, **fields: Any) -> None:
 
 
 def test_what_parts_is_named_with_its_tick_and_input(tmp_path: Path) -> None:
-    """One measured joint position, a picoradian away: found where it enters."""
+    """One measured joint position is changed by a picoradian: the difference is found at that input."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0})
     follow(loop)
     finish(loop)
@@ -227,7 +227,7 @@ def test_a_step_too_many_or_too_few_is_found(tmp_path: Path) -> None:
 
 
 def test_other_settings_than_the_recorded_ones_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A controller that does anything else is noticed."""
+    """A controller that computes anything else is detected."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0})
     follow(loop, 0.5)
     finish(loop)
@@ -237,12 +237,12 @@ def test_other_settings_than_the_recorded_ones_part(tmp_path: Path, monkeypatch:
     found = replay(recorded)
     assert found.first is not None
     assert {"twist_b", "joint_velocity"} <= set(found.max_difference)
-    assert "error_b" not in found.max_difference, "what was measured is what was recorded"
+    assert "error_b" not in found.max_difference, "measured values are the recorded ones"
     assert not found.within_tolerance
 
 
 def test_it_says_where_messages_were_lost_and_goes_on_at_the_next_state(tmp_path: Path) -> None:
-    """A queue that overflows: calls before the loss and after the next recorded state are compared."""
+    """After an overflow of the queue: calls before the loss and after the next recorded state are compared."""
     options = RecorderOptions(queue_mb=0.2, flush_period_s=0.6)
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0}, options=options)
     for _ in range(3):
@@ -258,7 +258,7 @@ def test_it_says_where_messages_were_lost_and_goes_on_at_the_next_state(tmp_path
 
 
 def test_other_meshes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Distances depend on files that the recording does not hold: it says that they are others."""
+    """Distances depend on mesh files that the recording does not contain: changed files are reported."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0})
     follow(loop, 0.2)
     finish(loop)
@@ -274,7 +274,7 @@ def test_other_meshes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def ik_replay(*arguments: str | Path, **environment: str) -> tuple[int, dict[str, Any], str]:
-    """Exit code, figures and what was said on the side."""
+    """Return the exit code, the figures and the text on stderr."""
     command = [sys.executable, "-m", "ik_node.cli.replay", *map(str, arguments), "--json"]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=ENOUGH_S, check=False, env={**os.environ, **environment}
@@ -283,7 +283,7 @@ def ik_replay(*arguments: str | Path, **environment: str) -> tuple[int, dict[str
 
 
 def test_the_command_says_which_of_the_two_held(tmp_path: Path) -> None:
-    """Here: the same bits. With another processor's BLAS kernels: bits part, and rounding is all there is to it."""
+    """Here the bits are identical. With BLAS kernels of another processor they differ, by rounding only."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0, "method": "gravity_gradient"})
     follow(loop)
     finish(loop)
@@ -297,7 +297,7 @@ def test_the_command_says_which_of_the_two_held(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_parts_gives_exit_code_1(tmp_path: Path) -> None:
-    """One bit of a recorded command, in a file whose checksums fit."""
+    """One bit of a recorded command is changed, in a file with valid checksums."""
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 200.0}, options=RecorderOptions(compression="none"))
     follow(loop, 0.5)
     finish(loop)
@@ -305,7 +305,7 @@ def test_a_recording_that_parts_gives_exit_code_1(tmp_path: Path) -> None:
     event = [e for e in RecordingSource(tmp_path / "bag").entries() if isinstance(e, RecordedCall) and e.step][50]
     other = bytearray(event.step or b"")
     other[-9] ^= 0x10
-    data = file.read_bytes().replace(event.step or b"", bytes(other))[:-8]  # cut off: no index that tells
+    data = file.read_bytes().replace(event.step or b"", bytes(other))[:-8]  # truncated: no index
     data = without_checksums(data)
     file.write_bytes(data)
     code, figures, said = ik_replay(file)
@@ -315,7 +315,7 @@ def test_a_recording_that_parts_gives_exit_code_1(tmp_path: Path) -> None:
 
 
 def without_checksums(data: bytes) -> bytes:
-    """The chunks of an MCAP file with their checksums set to "none"."""
+    """Return the chunks of an MCAP file with their checksums set to "none"."""
     changed_data, offset = bytearray(data), 8
     while offset + 9 <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, offset)
@@ -340,7 +340,7 @@ def test_what_cannot_be_replayed_gives_exit_code_2_and_a_reason(tmp_path: Path) 
 
 
 def test_a_run_of_the_node_comes_out_the_same(tmp_path: Path) -> None:
-    """Real processes, DDS, real time: whatever the timing was, the replay has it."""
+    """Real processes, DDS and real time: the replay has the recorded timing."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
     out, poses = tmp_path / "run", tmp_path / "poses.csv"
     lines = [f"{0.02 * number},0,{0.05 * np.sin(0.06 * number)},0,0,0,0,1" for number in range(101)]

@@ -1,6 +1,6 @@
-"""Runs with other settings, the loop closed in the simulator: with nothing changed they must be the recorded run, bit
-for bit, where that was made by the same simulated arm; with something changed, what that is for must show in the
-figures. Not tested here: whether a method does what it should (test_methods.py), how long anything takes."""
+"""Runs with other settings, with the loop closed in the simulator: without changes they equal the recorded run bit for
+bit if the same simulated arm made it; a change shows in the figures that it affects. Not tested here: whether a method
+has its intended effect (test_methods.py), and durations."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ RATE = {"rate_hz": 100.0, "obstacles.geometry": "none"}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Loop]:
-    """A recorded figure of eight, with a change of parameters on the way."""
+    """A recorded figure of eight with a change of parameters during the run."""
     directory = tmp_path_factory.mktemp("what_if") / "bag"
     loop = recorded_loop(directory, RATE)
     trajectory = figure_of_eight(loop.pose())
@@ -100,7 +100,7 @@ def test_every_method_follows_and_the_inertia_weighted_one_costs_least_energy(ru
 
 
 def test_figures_are_those_of_the_steps(run: tuple[Path, Loop]) -> None:
-    """By hand, from the Steps of the recorded run."""
+    """Compared with figures computed from the Steps of the recorded run."""
     directory, loop = run
     source = RecordingSource(directory)
     found = metrics_of(source, RECORDED, SimulatedRun(loop.steps, 3), None)
@@ -131,7 +131,7 @@ def test_other_settings_show(run: tuple[Path, Loop]) -> None:
 
 
 def test_changes_outlast_recorded_changes(run: tuple[Path, Loop]) -> None:
-    """Parameters that the recording changes on its way are changed, but for those that are asked for."""
+    """Parameter changes in the recording are applied, except for the parameters that the user overrides."""
     directory, loop = run
     source = RecordingSource(directory)
     kept = simulate(source, {"gain": (5.0, 10.0)}).steps
@@ -190,7 +190,7 @@ def test_processes_give_what_one_process_gives(run: tuple[Path, Loop]) -> None:
     assert compare(opened, wanted, truth, 2) == compare(opened, wanted, truth, 1)
 
 
-# --- what cannot be tried ---
+# --- invalid requests ---
 
 
 @pytest.mark.parametrize(

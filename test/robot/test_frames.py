@@ -1,7 +1,7 @@
 """Frames outside the robot model: poses from tf, used by every input, part of the controller's snapshot.
 
-tf2_ros is not on PyPI: a stand-in with its three names plays tf here, over the node's own adapter. What follows from an
-answer is the real controller's.
+tf2_ros is not on PyPI, so a stub with its three names replaces it below the node's own adapter. The controller is the
+real one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Joint bounds: whatever is chosen inside the box, in whatever rhythm, no later box is empty and no limit is broken.
+"""Joint bounds: for any choice inside the box and any timing, no later box is empty and no limit is violated.
 
-Many independent one-joint "lanes" run at once, each with limits and choices of its own. The choices are hostile: always
-to a limit, back and forth, random. What is not tested here: the choice itself (test_bounded.py).
+Many independent one-joint "lanes" run at once, each with its own limits and choices. The choices are adversarial:
+always to a limit, back and forth, random. Not tested here: the choice itself (test_constrained.py).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def lanes(rng: np.random.Generator, dt_max_s: float) -> MotionLimits:
 
 
 def hostile_choice(rng: np.random.Generator, tick: int, bounds: JointBounds) -> Array:
-    """A third of the lanes at the upper end of the box, a third back and forth, a third anywhere in it."""
+    """A third of the lanes at the upper end of the box, a third alternating, a third anywhere in it."""
     share = rng.uniform(size=LANES)
     share[: LANES // 3] = 1.0
     share[LANES // 3 : 2 * LANES // 3] = (tick // 40) % 2
@@ -56,7 +56,7 @@ def test_no_limit_is_ever_broken_and_the_box_is_never_empty(dt_max_s: float) -> 
     for tick in range(1500):
         bounds = joint_bounds(limits, q, v, elapsed_s)
         assert (bounds.lo <= bounds.hi).all()
-        # Never empty before rounding either: nothing was relaxed.
+        # Not empty before rounding either: no limit was relaxed.
         assert relaxed(bounds, tuple(map(str, range(LANES)))) == ()
         new = hostile_choice(rng, tick, bounds)
         assert (np.abs(new - v) <= limits.acceleration * elapsed_s + 1e-12).all()
@@ -66,11 +66,11 @@ def test_no_limit_is_ever_broken_and_the_box_is_never_empty(dt_max_s: float) -> 
         assert (q <= limits.upper + 1e-12).all()
         assert (q >= limits.lower - 1e-12).all()
         touched += int((limits.upper - q < 1e-9).sum())
-    assert touched > 1000  # The limits were really reached, not merely avoided.
+    assert touched > 1000  # The limits were reached.
 
 
 def test_the_speed_is_the_inverse_of_the_stopping_distance() -> None:
-    """vbar inverts D, whose definition (the staircase, summed) is its own reference; both over ten decades."""
+    """vbar inverts D; the reference is the definition of D (the staircase, summed); both over ten decades."""
     rng = np.random.default_rng(2)
     for hold_s, acceleration in ((0.001, 1.0), (0.01, 20.0), (0.05, 100.0)):
         distance = 10.0 ** rng.uniform(-9.0, 1.0, 2000)
@@ -114,12 +114,12 @@ def test_a_joint_outside_a_limit_returns_at_bounded_speed_and_stays_inside() -> 
         highest = np.where(q > 0.0, bounds.hi, -bounds.lo)  # Outward.
         still = outside & (np.abs(outward) < 0.02)
         assert (highest[outside & (outward > 0.02)] < outward[outside & (outward > 0.02)] - 0.0199).all()  # Brakes,
-        assert (highest[still] < 0.0).all()  # then comes back,
+        assert (highest[still] < 0.0).all()  # returns,
         assert (highest[outside & (outward > -0.1)] >= -0.1 - 1e-12).all()  # but is not forced to be fast.
         v = new
         q = q + 0.002 * v
         assert (np.abs(q) <= unavoidable + 1e-9).all()
-        assert (np.abs(q[inside]) <= 1.0 + 1e-12).all()  # Once inside, inside for ever.
+        assert (np.abs(q[inside]) <= 1.0 + 1e-12).all()  # Stays inside after it is inside.
         inside |= np.abs(q) <= 1.0
     assert (np.abs(q) <= 1.0 + 1e-12).all()
 
@@ -152,14 +152,14 @@ def test_priorities_and_names() -> None:
 
 
 def test_a_hold_longer_than_dt_max_counts_as_dt_max() -> None:
-    """The admissible change must not grow with a stalled loop; the watchdog handles those."""
+    """The permitted change must not grow in a stalled loop; the watchdog handles stalls."""
     limits = MotionLimits(np.array([-9.0]), np.array([9.0]), np.array([9.0]), np.array([10.0]), 0.01, 0.1)
     assert joint_bounds(limits, np.zeros(1), np.zeros(1), 5.0).hi[0] == pytest.approx(0.1)
     assert joint_bounds(limits, np.zeros(1), np.zeros(1), -1.0).hi[0] == 0.0
 
 
 def test_settings_override_the_urdf() -> None:
-    """One value for all joints, or one per joint; a list of another length is refused by name."""
+    """One value for all joints, or one per joint; the error for a list of another length names the setting."""
     robot = catalogue.robot_from_settings(ArmSettings(robot="kinova"))
     limits = motion_limits(robot, LimitSettings(velocity_fraction=0.5, position_margin=0.01), 500.0)
     assert limits.velocity == pytest.approx(0.5 * robot.limits.velocity)

@@ -1,7 +1,7 @@
-"""Mimic joints: they move with their masters, in poses, Jacobians, masses, gravity and distances.
+"""Mimic joints move with their masters in poses, Jacobians, masses, gravity and distances.
 
 References: the same description without <mimic>, all of whose joints are controlled, under the constraint q_m = A q + b
-that the test states itself; finite differences. Not tested: Pinocchio's own mimic joints, which are not used.
+that the test defines itself; finite differences. Not tested: Pinocchio's own mimic joints, which are not used.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ GENERATOR = np.random.default_rng(21)
 RATIO = np.array(
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.05, 0.0], [0.3, 0.0, 0.0]]
 )
-"""Of the arm below: joint3 follows joint1, slide5 joint2, and nod6 joint3, hence joint1."""
+"""Of the arm below: joint3 mimics joint1, slide5 mimics joint2, and nod6 mimics joint3, hence joint1."""
 OFFSET = np.array([0.0, 0.0, 0.4, 0.0, 0.02, -0.1 - 0.5 * 0.4])
 
 
 def description(mimicking: bool = True, kinds: dict[str, str] | None = None, tags: dict[str, str] | None = None) -> str:
-    """Six links in a row and a finger beside them; each with a mass of its own and a ball of 4 cm at its end."""
+    """Six links in a row and a finger beside them; each with its own mass and a ball of 4 cm at its end."""
     own = {"joint3": '<mimic joint="joint1" multiplier="-0.6" offset="0.4"/>',
            "slide5": '<mimic joint="joint2" multiplier="0.05" offset="0.02"/>',
            "nod6": '<mimic joint="joint3" multiplier="-0.5" offset="-0.1"/>',
@@ -62,7 +62,7 @@ def description(mimicking: bool = True, kinds: dict[str, str] | None = None, tag
 
 
 def pair() -> tuple[Robot, Robot]:
-    """The arm, and the one that all joints of the chain are controlled of. The finger follows joint4 in the first."""
+    """Return the arm, and the one with all joints of the chain controlled. The finger mimics joint4 in the first."""
     return Robot(description(), tip_frame="link6"), Robot(description(mimicking=False), tip_frame="link6")
 
 
@@ -94,15 +94,15 @@ def test_poses_and_jacobians_are_those_of_the_constraint() -> None:
 
 
 def test_mass_and_gravity_are_those_of_the_constraint() -> None:
-    """M_c = A' M A, g_c = A' g: a joint has to move, and to bear, what mimics it. The finger counts, though it is not
-    in the chain: it is a seventh joint here."""
+    """M_c = A' M A, g_c = A' g: a joint carries the mass and weight of its mimic joints. The finger counts although it
+    is not in the chain: it is a seventh joint here."""
     robot = pair()[0]
     ratio, offset = np.vstack((RATIO, [0.0, 0.0, 1.0])), np.append(OFFSET, 0.0)
     for _ in range(5):
         q = random_position(robot, GENERATOR)
         found = robot.dynamics(q)
         assert np.array_equal(found.mass_matrix, found.mass_matrix.T)
-        # Kinetic energy link by link, by differences of where their bodies are: nothing of crba is in it.
+        # Kinetic energy link by link, from differences of the positions of the bodies: crba is not used.
         energy = np.zeros((3, 3))
         height = np.zeros(3)
         moved = [(ratio @ (q + d) + offset, ratio @ (q - d) + offset) for d in 1e-5 * np.eye(3)]
@@ -125,7 +125,7 @@ def test_mass_and_gravity_are_those_of_the_constraint() -> None:
 
 
 def test_joints_that_are_not_controlled_are_held_where_their_masters_are() -> None:
-    """Their masters stand at zero, so they stand at their offset, also in a row of them."""
+    """Their masters are at zero, so they are at their offset, also in a series of them."""
     robot = Robot(description(), tip_frame="link6", joints=("joint2", "joint4"))
     free = pair()[1]
     q = np.array([0.3, -0.7])
@@ -144,13 +144,13 @@ def test_limits_leave_the_mimic_joints_within_theirs() -> None:
     assert robot.limits.lower[0] == pytest.approx((1.0 - 2.0) / 4.0)
     assert robot.limits.upper[0] == pytest.approx((1.0 + 2.0) / 4.0)
     assert robot.limits.velocity[0] == pytest.approx(2.0 / 4.0)
-    # Limits that leave nothing over cannot be meant.
+    # Limits that leave an empty range are an error.
     absurd = {"joint3": '<mimic joint="joint1" multiplier="1" offset="9"/>'}
     assert Robot(description(tags=absurd), tip_frame="link6").limits.upper[0] == 2.0
 
 
 def test_a_turn_of_a_master_is_no_turn_of_what_mimics_it() -> None:
-    """A continuous master with a multiplier of -0.6: the short way round would put joint3 elsewhere."""
+    """A continuous master with a multiplier of -0.6: taking the short way round would move joint3 elsewhere."""
     kinds = {"joint1": "continuous", "joint3": "continuous", "joint4": "continuous", "nod6": "continuous"}
     robot, free = (Robot(description(m, kinds), tip_frame="link6") for m in (True, False))
     for _ in range(5):
@@ -161,7 +161,7 @@ def test_a_turn_of_a_master_is_no_turn_of_what_mimics_it() -> None:
 
 
 def everything(robot: Robot, scene: Scene, q: Array) -> tuple[Array, Array]:
-    """Distances and slopes of all pairs that both kinds of arm watch."""
+    """Distances and gradients of all pairs that both arms check."""
     geometry = collision_geometry.load(robot, self_collision=False)
     fresh = DistanceQuery(geometry)
     fresh.set_scene(scene, 0)
@@ -177,7 +177,7 @@ def test_distances_and_their_slopes_follow() -> None:
     for _ in range(10):
         q = random_position(robot, GENERATOR)
         distance, slope = everything(robot, scene, q)
-        assert len(distance) == 7, "the finger too"
+        assert len(distance) == 7, "including the finger"
         ends = [robot.frame_pose(q, f"link{i + 1}")[:3] @ (0.0, 0.0, 0.2, 1.0) for i in range(7)]
         reference = [np.linalg.norm(end - pose[:3, 3]) - 0.14 for end in ends]
         assert np.abs(np.sort(distance) - np.sort(reference)).max() < 1e-9
@@ -188,8 +188,8 @@ def test_distances_and_their_slopes_follow() -> None:
 
 
 def test_lazy_distances_and_speeds_stay_bounds() -> None:
-    """What lets pairs be skipped counts the motion of mimic joints too: lazy answers are those of measuring everything,
-    bit for bit, and no distance shrinks faster than said."""
+    """The bounds that allow pairs to be skipped include the motion of mimic joints: lazy results equal a full
+    computation bit for bit, and no distance decreases faster than its bound."""
     robot = pair()[0]
     geometry = collision_geometry.load(robot)
     lazy, scene = DistanceQuery(geometry), Scene()
@@ -215,11 +215,11 @@ def test_lazy_distances_and_speeds_stay_bounds() -> None:
     assert compared > 50
 
 
-# --- descriptions of others ---
+# --- descriptions of real robots ---
 
 
 def test_the_second_finger_of_a_panda() -> None:
-    """Its tip is moved by the first finger's joint, the other way; the hand carries both."""
+    """The first finger's joint moves its tip in the opposite direction; the hand carries both."""
     urdf = catalogue.read_urdf(catalogue.find("panda"))
     robot = Robot(urdf, "panda_link0", "panda_rightfinger")
     assert robot.joints == (*(f"panda_joint{i}" for i in range(1, 8)), "panda_finger_joint1")
@@ -230,19 +230,19 @@ def test_the_second_finger_of_a_panda() -> None:
     assert np.abs(robot.evaluate(ready).jacobian_b - free.evaluate(ready).jacobian_b).max() < 1e-14
     left, right = (robot.frame_pose(ready, f"panda_{side}finger")[:3, 3] for side in ("left", "right"))
     assert np.linalg.norm(left - right) == pytest.approx(0.06), "both fingers moved"
-    # Opening moves two fingers of 0.1 kg or so, not one; neither is the other's counterweight.
+    # Opening moves two fingers of about 0.1 kg, not one; neither is a counterweight of the other.
     fingers = robot.dynamics(ready).mass_matrix[-1, -1]
     alone = free.dynamics(ready).mass_matrix[-1, -1]
     assert fingers == pytest.approx(2.0 * alone)
     held = catalogue.robot_from_settings(ArmSettings(robot="panda"))
     both = [held.frame_pose(ready[:7], f"panda_{side}finger") for side in ("left", "right")]
-    assert np.abs(both[0][:3, 3] - both[1][:3, 3]).max() < 1e-12, "closed, as the master is held"
+    assert np.abs(both[0][:3, 3] - both[1][:3, 3]).max() < 1e-12, "closed, as the master is fixed"
 
 
 @pytest.mark.parametrize("name", ["tiago_pro", "baxter", "pr2", "romeo", "talos_full_v2"])
 def test_robots_with_grippers_load_and_their_fingers_follow(name: str) -> None:
-    """Every mimic joint of example-robot-data's, its master controlled: where the joint takes its link is where the
-    description without <mimic> puts it."""
+    """Every mimic joint of example-robot-data, with its master controlled: its link has the same pose as in the
+    description without <mimic>."""
     urdf = catalogue.read_urdf(catalogue.find(name))
     free = re.sub(r"<mimic\b[^>]*/>", "", urdf)
     tried = 0
@@ -288,7 +288,7 @@ def test_a_tag_with_numbers_that_are_none() -> None:
 
 
 def test_a_master_that_is_missing_matters_only_in_the_chain() -> None:
-    """Descriptions of hands are sold with such names in them; their arms must load."""
+    """Published descriptions of hands contain such names; arms with them must load."""
     urdf = description(tags={"finger": '<mimic joint="nobody" offset="0.3"/>'})
     robot = Robot(urdf, tip_frame="link6")
     assert robot.joints == ("joint1", "joint2", "joint4")
@@ -297,7 +297,7 @@ def test_a_master_that_is_missing_matters_only_in_the_chain() -> None:
 
 
 def test_a_master_that_does_not_move_holds_what_mimics_it() -> None:
-    """A description in which somebody has fixed the gripper's motor."""
+    """A description in which the gripper's motor is fixed."""
     robot = Robot(description(kinds={"joint1": "fixed"}), tip_frame="link6")
     assert robot.joints == ("joint2", "joint4")
     held = Robot(description(), tip_frame="link6", joints=("joint2", "joint4"))
@@ -306,7 +306,7 @@ def test_a_master_that_does_not_move_holds_what_mimics_it() -> None:
 
 @pytest.mark.parametrize("method", ["plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient"])
 def test_the_control_loop_carries_a_finger_that_mimics(method: str) -> None:
-    """The whole way from target to command with eight joints, of which nine move; the finger stays in its 4 cm."""
+    """From target to command with eight joints, of which nine move; the finger stays within its 4 cm."""
     urdf = catalogue.read_urdf(catalogue.find("panda"))
     robot = Robot(urdf, "panda_link0", "panda_rightfinger")
     loop = Loop(robot, (*READY["panda"], 0.02), Settings().with_values({"method": method}))
@@ -321,7 +321,7 @@ def test_the_control_loop_carries_a_finger_that_mimics(method: str) -> None:
 
 
 def test_inverse_kinematics_counts_no_whole_turns_of_a_master() -> None:
-    """Solutions are within the limits, and reach the pose; a turn of joint1 would not leave joint3 where it was."""
+    """Solutions are within the limits and reach the pose; a whole turn of joint1 would move joint3."""
     kinds = {"joint1": "continuous", "joint3": "continuous", "joint4": "continuous", "nod6": "continuous"}
     robot = Robot(description(kinds=kinds), tip_frame="link6")
     assert robot.turning.tolist() == [False, False, False]

@@ -1,4 +1,4 @@
-"""The reduced model: against finite differences, and against everything a description can get wrong."""
+"""The reduced model: compared with finite differences, and errors for invalid descriptions."""
 
 from __future__ import annotations
 

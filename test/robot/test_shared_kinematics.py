@@ -1,7 +1,7 @@
-"""Reference cases beside the checkout for inverse kinematics and the models under it: 50-digit Newton iterates, the
-worked example and the exercises of the notes, the documented examples of the textbook's library, and what other
-libraries' own tests state. The same behaviour is covered by fixtures of our own in test_newton_raphson.py,
-test_inverse_kinematics.py and test_notes.py."""
+"""Reference cases beside the checkout for inverse kinematics and its models: 50-digit Newton iterates, the worked
+example and the exercises of the notes, the documented examples of the textbook's library, and the values in the tests
+of other libraries. test_newton_raphson.py, test_pose_solver.py and test_notes.py cover the same behaviour with their
+own data."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def robot(name: str) -> Robot:
 
 
 def chain_from(home: Any, screws_b: Any) -> ScrewChain:
-    """From a file's M and its list of body screws, one row per joint, angular part first."""
+    """Build the chain from a file's M and its list of body screws, one row per joint, angular part first."""
     return ScrewChain.from_angular_first(home, body=np.transpose(screws_b))
 
 
@@ -98,7 +98,7 @@ def test_exercise_6_8() -> None:
 
 
 def test_exercise_6_9() -> None:
-    # A half turn at the start: one of the two branches, whichever the logarithm chose.
+    # A half turn at the start: either of the two branches, depending on the logarithm.
     case = load("exercises.json")["6.9"]
     solution = solve_pose_newton(planar_2r().chain, case["Tsd"], np.deg2rad([0.0, 30.0]))
     branch = case["branch_plus_pi" if solution.iterates[0].twist[5] > 0.0 else "branch_minus_pi"]
@@ -107,7 +107,7 @@ def test_exercise_6_9() -> None:
 
 
 def test_exercise_6_10() -> None:
-    # A wrist of three axes, orientation alone; the goal of ZXZ and ZYZ is singular and is judged by its error.
+    # A wrist of three axes, orientation only; the goal of ZXZ and ZYZ is singular and is tested by its error.
     case = load("exercises.json")["6.10"]
     axes = {"X": [1.0, 0.0, 0.0], "Y": [0.0, 1.0, 0.0], "Z": [0.0, 0.0, 1.0]}
     goal = np.eye(4)
@@ -125,7 +125,7 @@ def test_exercise_6_10() -> None:
 
 @pytest.mark.parametrize("name", ["6.12_UR5", "coursera_UR5_guess_B", "UR5_close_guess", "6.13_WAM", "WAM_close_guess"])
 def test_exercises_with_screw_axes(name: str) -> None:
-    # Some start nearly singular: the path is chaotic, so the pose at the end counts, and the theta of the quiet ones.
+    # Some starts are nearly singular, so the path is chaotic: the final pose is tested, and theta of the regular cases.
     case = load("exercises.json")[name]
     chain = chain_from(case["M"], case["B_mr_order"])
     for form in ("body", "space"):
@@ -140,7 +140,7 @@ def test_exercises_with_screw_axes(name: str) -> None:
 
 
 def test_exercise_6_4() -> None:
-    # RRP arm, tip alone: coordinate form from starts near each branch.
+    # RRP arm, tip only: coordinate form from starts near each branch.
     case = load("exercises.json")["6.4"]
     axis_1, axis_2, tip = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.5, np.sqrt(0.75)]), np.array([0.0, 1.0, 0.0])
 
@@ -158,7 +158,7 @@ def test_exercise_6_4() -> None:
 
 
 def test_library_examples() -> None:
-    # The textbook library's documented examples, by function.
+    # The documented examples of the textbook's library, by function.
     cases = {case["function"]: case for case in load("mr_library_cases.json")["cases"]}
 
     def check(name: str, ours: Any) -> None:
@@ -191,7 +191,7 @@ def test_library_examples() -> None:
 
 
 def test_library_ur5() -> None:
-    # The textbook's UR5 is the URDF's: pose, body Jacobian, mass matrix, gravity, at ten joint positions.
+    # The UR5 of the textbook is that of the URDF: pose, body Jacobian, mass matrix, gravity, at ten joint positions.
     case = load("mr_library_cases.json")["UR5"]
     arm = robot("ur5")
     screws = ScrewChain.from_angular_first(case["M_home"], space=case["Slist"])
@@ -206,7 +206,8 @@ def test_library_ur5() -> None:
 
 
 def urdf_of(links: list[tuple[str, str, float, str, str]]) -> str:
-    """A serial arm of revolute joints; per link: joint origin, axis, mass, centre of mass and rpy, inertia diagonal."""
+    """Return a serial arm of revolute joints; per link: joint origin, axis, mass, centre of mass and rpy, inertia
+    diagonal."""
     text = ['<robot name="test"><link name="l0"/>']
     for index, (origin, axis, mass, centre, inertia) in enumerate(links, 1):
         xx, yy, zz = inertia.split()
@@ -220,7 +221,7 @@ def urdf_of(links: list[tuple[str, str, float, str, str]]) -> str:
 
 
 def test_library_mass_matrix_and_gravity() -> None:
-    # The textbook's three-joint example, written as a URDF from its link frames. Its first screw is (1 0 1, 0 1 0): not
+    # The textbook's three-joint example, as a URDF built from its link frames. Its first screw is (1 0 1, 0 1 0): not
     # of unit length, so that joint turns sqrt 2 times as fast, about the line through (-1/2, 0, 1/2).
     cases = {case["function"]: case for case in load("mr_library_cases.json")["cases"]}
     inputs = cases["GravityForces"]["inputs"]
@@ -257,7 +258,7 @@ def test_peer_spong_two_links() -> None:
 
 
 def aligned_jacobian(arm: Robot, q: Array) -> Array:
-    """J_b turned into the base frame's axes at the tool point."""
+    """Return J_b rotated into the base axes at the tool point."""
     pose, jacobian = arm.evaluate(q)
     turn = np.kron(np.eye(2), pose[:3, :3])
     return np.asarray(turn @ jacobian)
@@ -286,7 +287,7 @@ def test_peer_rtb_kinematics() -> None:
 
 
 def test_peer_rtb_manipulability_gradient() -> None:
-    # Central differences of the volume, per part of the Jacobian: a gradient as `obstacle_gradient` may be given one.
+    # Central differences of the volume, per part of the Jacobian: a gradient that `obstacle_gradient` may receive.
     peer = load("peer_rtb.json")["manipulability_gradient"]
     hand = Robot(catalogue.read_urdf(catalogue.find("panda")), "panda_link0", "panda_hand")
     q = np.array(peer["q"])
@@ -300,7 +301,7 @@ def test_peer_rtb_manipulability_gradient() -> None:
 
 
 def test_peer_rtb_ik() -> None:
-    # From each of their starts: solved within limits; two steps to a pose out of reach: not converged.
+    # From each of the published starts: solved within limits; two steps to a pose out of reach: not converged.
     case = load("peer_rtb.json")["ik_success"]
     arm = robot("panda")
     solver = PoseSolver(arm)
@@ -366,7 +367,7 @@ def test_peer_kdl() -> None:
 
 
 def test_peer_pinocchio() -> None:
-    # Pinocchio's sample arm (its joints 1-3 meet in a point): the notes' full steps end at the goal, chaotically.
+    # Pinocchio's sample arm (its joints 1-3 intersect in a point): the notes' full steps end at the goal, chaotically.
     peer = load("peer_pinocchio.json")
     axes = [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 1, 0, 1), (1, 0, 0, 2), (0, 1, 0, 2)]
     columns = []

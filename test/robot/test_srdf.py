@@ -1,5 +1,5 @@
-"""SRDFs: where they come from, which pairs they disable, and the errors of invalid ones. The use of the pairs
-is tested in test_collision.py."""
+"""SRDFs: their sources, the pairs that they disable, and the errors of invalid ones. test_collision.py tests the use of
+the pairs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_text_file_and_shipped_are_equivalent(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "talos_arm", "kinova", "z1"])
 def test_shipped_ones_fit_their_arms(name: str) -> None:
-    """No watched pair is in permanent contact, which would block the arm; those of kinova and z1 disable no pair."""
+    """No checked pair is in permanent contact, which would block the arm; those of kinova and z1 disable no pair."""
     arm = ArmSettings(robot=name)
     robot, text = catalogue.robot_from_settings(arm), srdf.read_srdf("shipped", arm)
     geometry = collision_geometry.load(robot, srdf=text)

@@ -1,4 +1,4 @@
-"""The tool offset: the tip is where the offset says, whatever the turn, and everything else stays as it was."""
+"""The tool offset: the tip is at the offset for any rotation, and everything else is unchanged."""
 
 from __future__ import annotations
 

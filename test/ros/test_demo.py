@@ -1,7 +1,7 @@
-"""The main job in one command, as a user starts it: processes, DDS, recording, report.
+"""The demonstration in one command, as a user starts it: processes, DDS, recording, report.
 
-Figures are those that the README promises, with an ideal arm at 500 Hz. They are those of the recorded run in simulated
-time: how well the machine keeps its pace has no part in them.
+The figures are those in the README, for an ideal arm at 500 Hz. They are computed from the recorded input in simulated
+time, so that the timing of the machine has no influence.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from ik_node.robot import catalogue
 from ik_node.settings.groups import ArmSettings
 
 PATIENT = ("--set", "state.timeout_s=10.0", "--set", "follow.enabled=false")
-"""Supervision forgives a busy machine; test_controller.py is about it."""
+"""The state machine tolerates a busy machine; test_controller.py tests its time-outs."""
 PATIENCE_S = 600.0
 POSITION, TURN = slice(0, 3), slice(3, 6)
 
@@ -61,7 +61,7 @@ def started(out: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def demo(out: Path, *arguments: str) -> tuple[dict[str, dict[str, dict[str, float]]], str]:
-    """Report and printed text of a demonstration that goes to its end."""
+    """Return report and printed text of a complete demonstration."""
     with started(out, *PATIENT, *arguments) as process:
         said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, said
@@ -69,9 +69,9 @@ def demo(out: Path, *arguments: str) -> tuple[dict[str, dict[str, dict[str, floa
 
 
 def errors_in_simulated_time(bag: Path, truth: GroundTruth) -> tuple[float, float]:
-    """Position, mm, and orientation, mrad, rms, of an arm to which the targets come when their stamps say.
+    """Return RMS errors of position, mm, and orientation, mrad, of an arm that receives the targets at their stamps.
 
-    Those that arrived lie on the trajectory; those that a busy machine lost are taken from it.
+    The received targets are on the trajectory; those that a busy machine lost are taken from it.
     """
     source, targets = RecordingSource(bag), load_run(bag).targets
     frame = targets.frame_ids[0]
@@ -113,12 +113,11 @@ def errors_in_simulated_time(bag: Path, truth: GroundTruth) -> tuple[float, floa
 
 
 def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
-    """The streamed targets, under the recorded settings, lead a simulated arm so near to the trajectory.
+    """Check the tracking errors of a simulated arm for the streamed targets and the recorded settings.
 
-    Of the run itself it is shown that every command was the controller's answer to what came, and that the arm moved.
-    Not how near it came: where a machine holds the node up for half a second, the arm goes on with a command that has
-    long been wrong, and is far away. That a node leads an arm to where it should be is shown in test_node.py, which
-    waits for it.
+    For the run itself, check that every command is the controller's response to its input and that the arm moved, but
+    not its tracking error: where the machine suspends the node for half a second, the arm continues with an outdated
+    command. test_node.py checks that a node moves an arm to its target, and waits for it.
     """
     truth = read_ground_truth(out / GROUND_TRUTH_FILE)
     position, orientation = errors_in_simulated_time(out / "bag", truth)
@@ -174,8 +173,8 @@ def test_the_recording_opens_elsewhere(panda_run: Path) -> None:
 
 
 def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None:
-    """Its joint states and targets, published again in their order, reach a fresh node as they were, and are answered
-    as the controller answers them."""
+    """The joint states and targets of a recording are published in their order; a fresh node receives them unchanged
+    and responds as the controller does."""
     old = load_run(panda_run / "bag")
     robot = catalogue.robot_from_settings(ArmSettings(robot="panda"))
     messages = Recording(panda_run / "bag").messages({"/joint_states", "/ik_node/target_pose"})
@@ -222,14 +221,14 @@ def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> Non
     assert_safe(out)
     run = load_run(out / "bag")
     assert (run.robot, run.settings["rate_hz"], run.settings["method"]) == ("ur5", 250.0, "inertia_weighted")
-    assert len(run.times_s) < 300.0 * run.times_s[-1], "joint states come at that rate too, or slower"
+    assert len(run.times_s) < 300.0 * run.times_s[-1], "joint states have that rate or a lower one"
 
 
 def test_ctrl_c_ends_it_with_a_whole_recording_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "cut"
     with started(out, *PATIENT) as process:
         assert process.stdout is not None
-        # The first line about the motion is that of its beginning, the second one comes two seconds later.
+        # The first line about the motion is printed at its start, the second one two seconds later.
         said = ""
         while not re.search(r"^ +[1-9][\d.]* / .* error ", said, re.MULTILINE):
             line = process.stdout.readline()
@@ -241,7 +240,7 @@ def test_ctrl_c_ends_it_with_a_whole_recording_and_a_report(tmp_path: Path) -> N
     assert (out / "report.png").exists()
     assert_safe(out)
     run = load_run(out / "bag")
-    assert 10 < len(run.targets.times_s) < 500, "of the 501 of the whole trajectory"
+    assert 10 < len(run.targets.times_s) < 500, "of the 501 targets of the whole trajectory"
     assert np.abs(run.joint_velocity).max() > 0.01
     assert not run.joint_velocity[-1].any()
 
@@ -276,4 +275,4 @@ def test_a_singular_demonstration_of_a_real_hand_stays_within_its_limits(tmp_pat
     _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
     assert_safe(out)
     assert_follows(out, 2.0, np.inf)
-    assert "lost there" in said, "passes a singularity, and says what it cost"
+    assert "lost there" in said, "passes a singularity and reports the lost time"

@@ -1,7 +1,7 @@
-"""Recordings must open in other people's tools, and other people's bags must do as input. Each tool is tried on a run:
-`rosbags` with its converter to sqlite3, MCAP and rosbag1, `mcap_ros2`, CSV and JSON; what the converter makes comes
-back as a foreign bag. Not tested here: single messages (test_messages.py), the file format (test_recording.py). The
-layouts for Foxglove and PlotJuggler are compared with the topics of a recording; the programs are not started."""
+"""Recordings open in other tools, and bags of other tools are valid input. Each tool is applied to a run: `rosbags`
+with its converter to sqlite3, MCAP and rosbag1, `mcap_ros2`, CSV and JSON; the converted files are read again as
+external bags. Not tested here: single messages (test_messages.py) and the file format (test_recording.py). The layouts
+for Foxglove and PlotJuggler are compared with the topics of a recording; the programs are not started."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Loop]:
 
 
 def inputs(source: Any) -> list[tuple[CallKind, int, bytes]]:
-    """Kind, ROS time and bytes of every message."""
+    """Return kind, ROS time and bytes of every message."""
     taken = [event for event in calls(source) if event.data and event.call.kind is not CallKind.PAUSE]
     return [(event.call.kind, event.call.now.ros_ns, event.data) for event in taken]
 
 
-# --- ours elsewhere ---
+# --- recordings of this package in other tools ---
 
 
 @pytest.mark.parametrize("arguments", [["--dst-storage", "sqlite3"], ["--dst-storage", "mcap"], ["rosbag1"]])
@@ -122,7 +122,7 @@ def test_a_run_is_exported_as_a_table(run: tuple[Path, Loop], tmp_path: Path) ->
         assert [float(row[name]) for row in rows] == loaded.joint_velocity[:, index].tolist()
         assert document["columns"][name] == loaded.joint_velocity[:, index].tolist()
     assert [float(row["pose_sb.x_m"]) for row in rows] == loaded.pose_sb[:, 0, 3].tolist()
-    assert document["columns"]["clearance_m"][0] is None, "what was not computed is null"
+    assert document["columns"]["clearance_m"][0] is None, "values that were not computed are null"
     assert rows[0]["clearance_m"] == ""
     assert set(rows[0]) == set(document["columns"])
 
@@ -177,7 +177,7 @@ def test_the_foxglove_layout_shows_what_a_recording_holds(run: tuple[Path, Loop]
 
 
 def test_the_plotjuggler_layout_shows_what_a_recording_holds(run: tuple[Path, Loop]) -> None:
-    """Joint states are named by joint there: topic/joint/position."""
+    """PlotJuggler names joint states by joint: topic/joint/position."""
     root = ElementTree.parse(PROJECT / "config" / "plotjuggler_layout.xml").getroot()
     curves = [curve.attrib["name"] for curve in root.iter("curve")]
     topics = topics_and_types(run[0])
@@ -192,11 +192,11 @@ def test_the_plotjuggler_layout_shows_what_a_recording_holds(run: tuple[Path, Lo
         assert has_field(topics[topic], ".".join(rest)), curve
 
 
-# --- others' bags as input ---
+# --- bags of other tools as input ---
 
 
 def test_a_foreign_bag_drives_the_controller(run: tuple[Path, Loop]) -> None:
-    """Our recording taken as if it were foreign, its topics found by their names; the arm follows its targets."""
+    """A recording treated as external, with topics found by name; the arm follows its targets."""
     bag = ExternalBag(run[0], SETTINGS)
     assert bag.used["/joint_states"] == ("joint_states", 400)
     assert bag.used["/ik_node/target_pose"][0] == "target_pose"
@@ -212,7 +212,7 @@ def test_a_foreign_bag_drives_the_controller(run: tuple[Path, Loop]) -> None:
 
 
 def write_foreign(directory: Path, topics: dict[str, tuple[str, list[bytes]]], storage: Any = None) -> Path:
-    """A rosbag2 of these topics (type, messages), 20 ms from message to message."""
+    """Write a rosbag2 of these topics (type, messages), 20 ms from message to message."""
     options = {"storage_plugin": storage} if storage is not None else {}
     with Writer2(directory, version=9, **options) as writer:
         for topic, (kind, data) in topics.items():
@@ -240,7 +240,7 @@ def test_other_names_are_remapped(run: tuple[Path, Loop], tmp_path: Path) -> Non
     bag = ExternalBag(path, SETTINGS, {"/arm/state": "joint_states", "/goal": "target_pose"})
     assert bag.used == {"/arm/state": ("joint_states", 50), "/goal": ("target_pose", 100)}
     steps = simulate(bag, {}).steps
-    assert [step.status.mode for step in steps[-2:]] == [Mode.TRACKING, Mode.STOPPED], "the bag's states end first"
+    assert [step.status.mode for step in steps[-2:]] == [Mode.TRACKING, Mode.STOPPED], "the joint states end first"
     assert len(steps) == 51
     assert max(np.abs(step.joint_velocity).max() for step in steps) > 1e-3
 
@@ -330,7 +330,7 @@ def test_the_command_takes_a_foreign_bag(run: tuple[Path, Loop], tmp_path: Path,
     assert "expected TOPIC:=INPUT" in capsys.readouterr().err
 
 
-# --- to a running node ---
+# --- input to a running node ---
 
 
 def test_stamps_move_along_and_now_stays_now() -> None:
@@ -345,7 +345,7 @@ def test_stamps_move_along_and_now_stays_now() -> None:
 
 
 def test_stamps_inside_move_too() -> None:
-    """A path has stamps of its own at each pose."""
+    """A path has a stamp at each pose."""
     jazzy = get_typestore(Stores.ROS2_JAZZY)
     pose = deserialize(encode.encode_pose("base", 3 * NS, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])), POSE)
     path = jazzy.types["nav_msgs/msg/Path"](pose.header, [pose, pose])
@@ -355,14 +355,15 @@ def test_stamps_inside_move_too() -> None:
 
 
 def test_recorded_targets_drive_a_running_node(run: tuple[Path, Loop], tmp_path: Path) -> None:
-    """--ros: the recorded targets, restamped, at their pace, to a node that holds an arm, which goes where they go."""
+    """--ros publishes the recorded targets, restamped, at their recorded rate, to a node that controls an arm; it
+    follows."""
     ros_peer = pytest.importorskip("ros_peer")
     recorded = load_run(run[0])
     start, end = (se3.pose_from(recorded.targets.position[i], recorded.targets.quaternion_xyzw[i]) for i in (0, -1))
     width = np.ptp(recorded.targets.position[:, 1])
     assert width > 0.05
     with ros_peer.peer_in_own_domain() as peer:
-        # A stream that a busy machine interrupts goes on.
+        # The stream continues after an interruption by a busy machine.
         arguments = ["-p", "robot:=panda", "-p", "obstacles.geometry:=none", "-p", "target.timeout_s:=5.0"]
         peer.start("node", tmp_path, [*arguments, *ros_peer.CALM])
         arm = ros_peer.FakeArm(peer, run[1].robot, READY["panda"])
@@ -384,7 +385,7 @@ def test_recorded_targets_drive_a_running_node(run: tuple[Path, Loop], tmp_path:
         recorded_targets = [e for e in calls(RecordingSource(run[0])) if e.call.kind is CallKind.ON_TARGET_POSE]
         assert said["target_pose"] == len(recorded_targets)
         assert said["joint_states"] == 0
-        # Best effort: the very last ones may be lost, 3 mm apart.
+        # Best effort: the last messages, 3 mm apart, may be lost.
         peer.until("arrival", lambda: bool(np.linalg.norm((arm.pose() - end)[:3, 3]) < 0.02), each)
-        assert np.ptp(places) > 0.8 * width, "it went all the way"
+        assert np.ptp(places) > 0.8 * width, "the arm covered the whole motion"
         assert np.linalg.norm(end[:3, 3] - start[:3, 3]) > 0.01

@@ -1,7 +1,7 @@
-"""The node as a process of its own over DDS, with an arm that the test plays.
+"""The node as a separate process over DDS, with an arm simulated by the test.
 
-Tested: that what test_controller.py shows in one process also holds behind topics, services, parameters, lifecycle and
-signals. Not tested here: figures of tracking (test_demo.py).
+Tested: what test_controller.py checks in one process also holds with topics, services, parameters, lifecycle and
+signals. Not tested here: tracking figures (test_demo.py).
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ if rclpy:
 
 PANDA = make_robot("panda")
 WATCHFUL = ["-p", "state.timeout_s:=0.1", "-p", "follow.enabled:=true"]
-"""After `CALM`: supervision as usual, except for the rate of joint states, which depends on the machine."""
+"""After `CALM`: time-outs of the state machine as usual, except for the rate of joint states, which depends on the
+machine."""
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def holding(peer: Peer, folder: Path, arguments: list[str] | None = None, robot:
 
 
 def moving(peer: Peer, folder: Path, arguments: list[str] | None = None) -> FakeArm:
-    """A node that is on its way to a target 10 cm away."""
+    """A node that moves to a target 10 cm away."""
     arm = holding(peer, folder, arguments)
     goal = arm.pose()
     goal[2, 3] += 0.10
@@ -87,7 +88,7 @@ def test_stops_when_joint_states_stop_and_goes_on_when_they_return(peer: Peer, t
     peer.until("zeros", lambda: not peer.commands[-1].any())
     peer.until("the reason", lambda: peer.mode == "stopped")
     assert peer.reason.startswith("no joint state for 0.1 s")
-    peer.until_silent()  # no endless zeros
+    peer.until_silent()  # zeros are not published endlessly
     assert not peer.commands[-1].any()
     silent = len(peer.commands)
     peer.until("holding again", lambda: peer.mode == "holding" and len(peer.commands) > silent, arm)
@@ -120,7 +121,7 @@ def test_a_bad_target_is_refused_and_the_next_good_one_taken(peer: Peer, tmp_pat
             peer.send_target(pose, frame, scale)
 
         peer.until(words, lambda words=words: words in peer.reason, arm, say)  # type: ignore[misc]
-        assert np.abs(peer.commands[-1]).max() < 1e-6, "it goes on holding"
+        assert np.abs(peer.commands[-1]).max() < 1e-6, "the node continues to hold"
 
     def each() -> None:
         arm()
@@ -139,7 +140,7 @@ def test_a_signal_ramps_to_zero_and_leaves_a_whole_recording(peer: Peer, tmp_pat
     assert peer.processes[0].stop(number, 60.0) == 0
     peer.until("the last zeros", lambda: not peer.commands[-1].any(), arm)
     ramp = peer.commands[before:-1]
-    assert len(ramp) > 3, "it did not stop dead"
+    assert len(ramp) > 3, "it ramps down instead of stopping abruptly"
     run = load_run(bag)
     assert run.complete
     assert run.dropped == 0
@@ -158,7 +159,7 @@ def test_pause_reset_and_record_are_services(peer: Peer, tmp_path: Path) -> None
     peer.until("holding", lambda: peer.mode == "holding", arm)
     answer = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=False), arm)
     assert "0 messages dropped" in answer.message
-    # The answer does not wait for the disk.
+    # The response does not wait for the disk.
     peer.until("a whole recording", lambda: load_run(tmp_path / "bag").complete, arm)
     again = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=True), arm)
     assert not again.success
@@ -249,8 +250,8 @@ def test_the_lifecycle_can_be_led_from_outside(peer: Peer, tmp_path: Path) -> No
 
     assert state() == "unconfigured"
     assert change(Transition.TRANSITION_CONFIGURE)
-    assert state() == "inactive"  # and meanwhile the arm has said where it is
-    assert not peer.commands, "an inactive node commands nothing"
+    assert state() == "inactive"  # joint states have been published meanwhile
+    assert not peer.commands, "an inactive node publishes no commands"
     assert change(Transition.TRANSITION_ACTIVATE)
     peer.until("holding", lambda: peer.mode == "holding", arm)
     goal = arm.pose()
@@ -267,7 +268,7 @@ def test_the_lifecycle_can_be_led_from_outside(peer: Peer, tmp_path: Path) -> No
     count = len(peer.commands)
     assert change(Transition.TRANSITION_ACTIVATE)
     peer.until("holding", lambda: peer.mode == "holding" and len(peer.commands) > count, arm)
-    assert np.abs(peer.commands[-1]).max() < 1e-6, "the target is where the arm is"
+    assert np.abs(peer.commands[-1]).max() < 1e-6, "the target is the present pose"
     assert change(Transition.TRANSITION_DEACTIVATE)
     assert change(Transition.TRANSITION_CLEANUP)
     assert state() == "unconfigured"
@@ -321,15 +322,16 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
 
     peer.until("the refusal", lambda: "test/0: unknown frame 'nowhere'" in peer.reason, arm, send_obstacle)
     marker.header.frame_id = "panda_link0"
-    peer.until("the next good one", lambda: "refused" not in peer.reason, arm, send_obstacle)
+    peer.until("a valid obstacle", lambda: "refused" not in peer.reason, arm, send_obstacle)
 
 
 def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None:
-    """Within seconds, by name; and it is over when one of them leaves. Two on joint_states are nobody's business."""
+    """The status names both publishers within seconds, until one of them leaves. Two publishers of joint_states are not
+    reported."""
     arm = holding(peer, tmp_path)
     other = peer.node.create_publisher(PoseStamped, "/ik_node/target_pose", qos.STREAM)
     driver = peer.node.create_publisher(JointState, "/joint_states", qos.STREAM)
-    peer.until("the crowd", lambda: "2 publishers on target_pose" in peer.reason, arm)
+    peer.until("the warning of two publishers", lambda: "2 publishers on target_pose" in peer.reason, arm)
     assert "joint_states" not in peer.reason
     peer.node.destroy_publisher(other)
     peer.until("one publisher", lambda: "publishers" not in peer.reason, arm)
@@ -337,8 +339,8 @@ def test_two_who_publish_targets_are_noticed(peer: Peer, tmp_path: Path) -> None
 
 
 def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Path) -> None:
-    """Tool path, target, an obstacle with its clearance; the obstacle goes away when it is deleted, and everything when
-    the node ends."""
+    """Tool path, target, and an obstacle with its distance; the obstacle disappears when it is deleted, and all markers
+    disappear when the node ends."""
     arm = moving(peer, tmp_path)
     goal = arm.pose()
     goal[2, 3] -= 0.10
@@ -379,8 +381,8 @@ def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Pat
     assert (ball.header.frame_id, ball.scale.x, ball.pose.position.z) == ("panda_link0", 0.1, 1.1)
     peer.until("the clearance", lambda: ("clearance", 1) in shown and "mm" in shown["clearance", 1].text, each)
     peer.until("more of them", lambda: len(stamps_s) >= 20, each)
-    assert stamps_s[-1] - stamps_s[0] > 0.05 * len(stamps_s), "a tenth of the rate of ticks, whenever each one was made"
+    assert stamps_s[-1] - stamps_s[0] > 0.05 * len(stamps_s), "a tenth of the control rate, for any timing of the steps"
     marker.action = Marker.DELETE
     peer.until("its end", lambda: "obstacles" not in there(), each, send_obstacle)
     peer.processes[0].stop(signal.SIGINT, 60.0)
-    peer.until("an empty screen", lambda: not shown)
+    peer.until("no markers", lambda: not shown)

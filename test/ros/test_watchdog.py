@@ -1,4 +1,4 @@
-"""The watchdog as a process of its own: a node that is killed or hangs in the middle of a motion leaves no velocity."""
+"""The watchdog as a separate process: after a node is killed or hangs during a motion, no velocity command remains."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def moving(peer: Peer, folder: Path, timeout_s: float) -> FakeArm:
 
 
 def last_zeros(peer: Peer) -> int:
-    """How many zeros have come since the last command that was not zero."""
+    """Number of zero commands since the last command that was not zero."""
     return next(count for count, command in enumerate(reversed(peer.commands)) if command.any())
 
 
@@ -47,14 +47,14 @@ def test_a_killed_or_hanging_node_leaves_zeros(peer: Peer, tmp_path: Path, numbe
     arm = moving(peer, tmp_path, 0.1)
     os.kill(peer.processes[1].pid, number)
     peer.until("zeros", lambda: not peer.commands[-1].any(), arm)
-    peer.until_silent(each=arm)  # it does not go on talking
+    peer.until_silent(each=arm)  # the watchdog stops publishing
     assert last_zeros(peer) <= 6
     if number == signal.SIGSTOP:
         os.kill(peer.processes[1].pid, signal.SIGCONT)
 
 
 def test_a_node_that_ends_in_good_order_is_left_alone(peer: Peer, tmp_path: Path) -> None:
-    """Its own zeros are the last ones. The time-out is one that no busy machine exceeds on the way there."""
+    """The node's own zeros are the last commands. The time-out is longer than any delay of a busy machine."""
     arm = moving(peer, tmp_path, 1.0)
     peer.processes[1].stop(signal.SIGTERM, 60.0)
     peer.until("zeros", lambda: not peer.commands[-1].any(), arm)

@@ -1,4 +1,4 @@
-"""Settings: no value out of range can exist, whoever sets it, and every parameter tells what it is."""
+"""Settings: no value out of range is accepted from any source, and every parameter has a description."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ik_node.settings.schema import limits_per_element
 def test_each_parameter_refuses_what_is_out_of_range_or_of_another_type(about: object) -> None:
     name, default = about.name, about.default  # type: ignore[attr-defined]
     choices = about.choices  # type: ignore[attr-defined]
-    assert about.description.endswith("."), "a sentence"  # type: ignore[attr-defined]
+    assert about.description.endswith("."), "the description is a sentence"  # type: ignore[attr-defined]
     bad: list[object] = [None, object(), (object(),)]
     bad += [] if isinstance(default, str) else ["text"]
     bad += [] if isinstance(default, bool) else [True]

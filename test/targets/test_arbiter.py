@@ -1,4 +1,4 @@
-"""Which input is in command, and that the reference does not jump when that changes.
+"""Selection of the active input; the reference does not jump when it changes.
 
 The motions themselves are tested in test_stream.py, test_path.py and test_jog.py.
 """
@@ -34,7 +34,7 @@ def base_only(frame: str) -> Array:
 
 
 class Run:
-    """Targets, ticked at 500 Hz from 1 s on; ROS time is ``ROS_NS`` more."""
+    """Targets with control steps at 500 Hz from 1 s on; ROS time is larger by ``ROS_NS``."""
 
     def __init__(self, settings: Settings | None = None) -> None:
         self.targets = TargetArbiter(settings or Settings())
@@ -62,7 +62,7 @@ class Run:
             self.tick()
         return self
 
-    # --- what may be sent ---
+    # --- inputs ---
 
     def pose(self, pose: Array | None = None) -> None:
         """A stream that moves along y."""
@@ -71,7 +71,7 @@ class Run:
         self.targets.on_pose(sent if pose is None else pose, Stamped(self.time_ns, self.time_ns, 0))
 
     def path(self, begin_s: float = 0.0, duration_s: float = 2.0) -> None:
-        """Along x and back, turning."""
+        """A path along x and back, with rotation."""
         times = np.linspace(0.0, duration_s, 21)
         bend = np.sin(np.pi * times / duration_s) ** 2
         poses = [START @ se3.exp(np.array([0.1 * b, 0.0, 0.0, 0.0, 0.3 * b, 0.0])) for b in bend.tolist()]
@@ -195,17 +195,17 @@ def test_the_reference_is_continuous_in_pose_and_velocity_whoever_takes_over(fir
             run.go(0.7)
     steps = [se3.log(se3.inverse(a) @ b) for a, b in zip(run.poses, run.poses[1:], strict=False)]
     twists = np.array([in_base(pose, twist) for pose, twist in zip(run.poses, run.twists, strict=True)])
-    assert np.abs(np.array(steps) / TICK_S - np.array(run.twists[:-1])).max() < 0.02, "each twist is kept"
+    assert np.abs(np.array(steps) / TICK_S - np.array(run.twists[:-1])).max() < 0.02, "each twist is executed"
     changes = np.diff(twists, axis=0).reshape(-1, 2, 3)
-    assert np.linalg.norm(changes[:, 0], axis=1).max() < 0.025, "of 10 m/s2 at most, the stream's bound"
+    assert np.linalg.norm(changes[:, 0], axis=1).max() < 0.025, "at most 10 m/s2, the bound of the stream"
     assert np.linalg.norm(changes[:, 1], axis=1).max() < 0.06
     moved = np.linalg.norm(np.diff([pose[:3, 3] for pose in run.poses], axis=0), axis=1)
-    assert moved.max() > 1e-5, "it moved, or this tests nothing"
+    assert moved.max() > 1e-5, "it has to move for this test to be valid"
 
 
 @pytest.mark.parametrize("name", ["path", "trajectory", "twist"])
 def test_a_fast_reference_stops_soon_whoever_takes_over(name: str) -> None:
-    """0.8 m/s and 1.5 rad/s: at the usual 2 m/s2 that would take 0.16 m, and longer than that for its acceleration."""
+    """0.8 m/s and 1.5 rad/s: at the usual 2 m/s2 stopping would take 0.16 m, plus the ramp of the acceleration."""
     run = Run()
 
     def stream() -> None:
@@ -231,7 +231,7 @@ def test_a_fast_reference_stops_soon_whoever_takes_over(name: str) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_whatever_comes_the_reference_does_not_jump(seed: int) -> None:
-    """Inputs at random; the highest bounds are those of the stream."""
+    """Random inputs; the highest bounds are those of the stream."""
     generator, run = np.random.default_rng(seed), Run()
     stream_until, twist_until, twist = 0, 0, np.zeros(6)
     for tick in range(1500):
@@ -252,7 +252,7 @@ def test_whatever_comes_the_reference_does_not_jump(seed: int) -> None:
     twists = np.array([in_base(pose, twist_d) for pose, twist_d in zip(run.poses, run.twists, strict=True)])
     accelerations = np.linalg.norm(np.diff(twists, axis=0).reshape(-1, 2, 3), axis=2) / TICK_S
     assert (accelerations.max(axis=0) < (10.1, 25.1)).all()
-    assert (accelerations.max(axis=0) > (1.0, 3.0)).all(), "it moved, or this tests nothing"
+    assert (accelerations.max(axis=0) > (1.0, 3.0)).all(), "it has to move for this test to be valid"
 
 
 def test_two_inputs_at_once_are_noticed() -> None:
@@ -339,7 +339,7 @@ def test_after_standing_still_it_goes_on_from_where_the_arm_is(name: str) -> Non
     run.time_rate = 1.0
     run.tick()
     assert np.abs(run.poses[-1] - arm).max() < 1e-9
-    assert np.abs(run.twists[-1]).max() < 0.01, "from rest"
+    assert np.abs(run.twists[-1]).max() < 0.01, "it starts from rest"
     assert run.targets.source.value == f"target_{name}"
     run.go(3.0, each)
     if name in ("path", "trajectory"):
@@ -350,7 +350,7 @@ def test_after_standing_still_it_goes_on_from_where_the_arm_is(name: str) -> Non
 
 
 def script(run: Run, begin: int, end: int) -> None:
-    """A busy time, by tick."""
+    """A sequence of many inputs, by control step."""
     for tick in range(begin, end):
         run.time_rate = 0.3 if tick % 97 > 80 else 1.0
         if tick % 25 == 0 and tick % 900 < 300:
@@ -365,7 +365,7 @@ def script(run: Run, begin: int, end: int) -> None:
 
 
 def test_the_same_calls_give_the_same_bits_also_from_a_snapshot_in_between() -> None:
-    """The snapshot goes through the text of a recording."""
+    """The snapshot is encoded and decoded as in a recording."""
     whole = Run()
     script(whole, 0, 2600)
     for cut in (150, 350, 600, 750, 1050, 1400, 2250):

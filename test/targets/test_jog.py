@@ -1,7 +1,7 @@
-"""Jogging: the twist that was sent, in the axes of its frame, bounded, at rest after the time-out.
+"""Jogging: the commanded twist in the axes of its frame, bounded, at rest after the time-out.
 
-References are closed forms. The arms do exactly what the pseudoinverse of their Jacobian says, without limits; what the
-reference alone decides is tested on it alone.
+References are closed forms. The arms execute exactly the pseudoinverse of their Jacobian, without limits; properties of
+the reference alone are tested on it alone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ START = se3.exp(np.array([0.4, 0.1, 0.5, 0.3, -0.8, 0.4]))
 
 
 class Run:
-    """Twists at 50 Hz, ticks at 500 Hz."""
+    """Twists at 50 Hz, control steps at 500 Hz."""
 
     def __init__(self, start: Array = START) -> None:
         self.jog = Jog(SETTINGS)
@@ -45,7 +45,7 @@ class Run:
     def go(
         self, duration_s: float, twist: tuple[float, ...] | None, frame: TwistFrame = BASE, time_rate: float = 1.0
     ) -> Run:
-        """None: nothing is sent."""
+        """Run; None sends no twist."""
         for _ in range(round(duration_s / TICK_S)):
             now = self.tick * TICK_NS
             if twist is not None and self.tick % 10 == 0:
@@ -142,14 +142,14 @@ def test_the_reference_waits_for_a_tool_that_cannot_follow() -> None:
         run.jog.add(np.array([-0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), BASE, Stamped(now, now, 0))
         pose = run.jog.advance(now, TICK_S, 1.0, stuck).pose_sd
         run.tick += 1
-    assert pose[0, 3] - stuck[0, 3] < lead - 0.005, "back is free at once"
+    assert pose[0, 3] - stuck[0, 3] < lead - 0.005, "motion back is free at once"
 
 
 # --- with arms -------------------------------------------------------------------------------------------------------
 
 
 def frames_at(robot: Robot, q: Array) -> Frames:
-    """The frames of the model at q."""
+    """Return the frames of the model at q."""
     frames = Frames(robot)
     frames.position = q
     return frames

@@ -1,7 +1,8 @@
-"""Files of poses: every dialect in use is read as described, everything doubtful is refused by name.
+"""Files of poses: every supported format is read as documented; ambiguous files are refused with an error that names
+the problem.
 
-Small files of our own in each dialect, then the real ones where the shared folder is there. Not tested here: how the
-arm follows them.
+Small generated files in each format, then the real ones where the shared folder exists. Not tested here: how the arm
+follows them.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def write(path: Path, header: str, columns: Array, separator: str = ",") -> Path
 
 
 def test_npy_of_demonstrations_in_centimetres_w_first(tmp_path: Path) -> None:
-    """The kinesthetic dialect: (demonstrations, samples, 7), no time, so that the length is given."""
+    """Kinesthetic demonstrations: (demonstrations, samples, 7), without time, so that the duration is given."""
     positions, quaternions = motion()
     rows = np.column_stack((100.0 * positions, np.roll(quaternions, 1, axis=1)))
     file = tmp_path / "demos.npy"
@@ -70,7 +71,8 @@ def test_npy_of_demonstrations_in_centimetres_w_first(tmp_path: Path) -> None:
 
 
 def test_npy_of_letters_takes_height_and_orientation_from_the_start_pose(tmp_path: Path) -> None:
-    """Handwriting: x and y only. What is missing stays as the arm has it; without a start pose that is an error."""
+    """Handwriting: x and y only. Missing coordinates come from the arm's start pose; without a start pose they are an
+    error."""
     positions, _ = motion()
     file = tmp_path / "letter.npy"
     np.save(file, 100.0 * positions[None, :, :2])
@@ -84,7 +86,7 @@ def test_npy_of_letters_takes_height_and_orientation_from_the_start_pose(tmp_pat
 
 
 def test_csv_with_goal_and_measured_pose_and_time_in_another_file(tmp_path: Path) -> None:
-    """The task board's dialect: the goal is meant, unless a prefix says otherwise; w first by name; stamps in ms."""
+    """Task board: the goal is used unless a prefix selects another pose; w first by name; stamps in ms."""
     positions, quaternions = motion()
     w_first = np.roll(quaternions, 1, axis=1) * 1.00002
     columns = [f"{kind}_{part}" for kind in ("current", "goal") for part in ("pos_x", "pos_y", "pos_z")]
@@ -106,7 +108,7 @@ def test_csv_with_goal_and_measured_pose_and_time_in_another_file(tmp_path: Path
 
 
 def test_two_poses_of_which_none_is_the_goal_are_refused_with_their_prefixes(tmp_path: Path) -> None:
-    """A guess between equals would be a coin toss about where the arm goes."""
+    """Choosing one of two equal candidates could move the arm to a wrong place."""
     file = write(
         tmp_path / "two.csv", "a_pos_x,a_pos_y,a_pos_z,b_pos_x,b_pos_y,b_pos_z", np.random.default_rng(0).random((5, 6))
     )
@@ -117,7 +119,7 @@ def test_two_poses_of_which_none_is_the_goal_are_refused_with_their_prefixes(tmp
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
 def test_text_with_stamps_and_a_commented_header(tmp_path: Path, separator: str) -> None:
-    """The motion-capture dialect: comments, the last naming the columns; any separator; epoch stamps in seconds."""
+    """Motion capture: comments, the last naming the columns; any separator; epoch stamps in seconds."""
     positions, quaternions = motion()
     stamps = 1305031098.6659 + np.linspace(0.0, 2.0, 21)
     header = "# ground truth\n# file: 'something.bag'\n# timestamp tx ty tz qx qy qz qw"
@@ -129,7 +131,7 @@ def test_text_with_stamps_and_a_commented_header(tmp_path: Path, separator: str)
 
 
 def test_csv_of_positions_and_velocities_is_laid_at_the_start_pose(tmp_path: Path) -> None:
-    """The co-manipulation dialect: positions in another frame, no orientation. Relative keeps the base's axes."""
+    """Co-manipulation: positions in another frame, no orientation. Relative poses keep the axes of the base."""
     positions, _ = motion()
     file = write(tmp_path / "symbol.csv", "x,y,z,vx,vy,vz", np.column_stack((positions, 9.0 * positions)))
     trajectory = load(file, PoseFileFormat(relative=True, scale=0.5, offset=(0.0, 0.0, 0.1)), START)
@@ -139,7 +141,7 @@ def test_csv_of_positions_and_velocities_is_laid_at_the_start_pose(tmp_path: Pat
 
 
 def test_relative_turns_as_the_file_turns_seen_from_the_base(tmp_path: Path) -> None:
-    """With orientation: the first pose becomes the start pose, and R_k R_0' is applied to it in the base's axes."""
+    """With orientation: the first pose becomes the start pose, and R_k R_0' is applied to it in the base axes."""
     positions, quaternions = motion()
     file = write(tmp_path / "p.csv", "x,y,z,qx,qy,qz,qw", np.column_stack((positions, quaternions)))
     trajectory = load(file, PoseFileFormat(relative=True), START)
@@ -153,7 +155,7 @@ def test_relative_turns_as_the_file_turns_seen_from_the_base(tmp_path: Path) -> 
 
 
 def test_explicit_columns_by_name_or_number_win(tmp_path: Path) -> None:
-    """A file whose names say nothing: every column is pointed at, by name in one case and by number in the other."""
+    """A file with uninformative names: every column is given, by name in one case and by number in the other."""
     positions, quaternions = motion()
     stamps = np.linspace(0.0, 4e9, 21)
     data = np.column_stack((np.zeros(21), positions[:, ::-1], stamps, quaternions))
@@ -173,7 +175,7 @@ def test_explicit_columns_by_name_or_number_win(tmp_path: Path) -> None:
 
 
 def test_window_and_speed(tmp_path: Path) -> None:
-    """A part of a recording, slower: the duration stretches the file's own stamps, then the window cuts."""
+    """A part of a recording, slower: the duration scales the file's own stamps before the window selects."""
     positions, quaternions = motion()
     stamps = np.linspace(5.0, 7.0, 21)
     file = write(tmp_path / "w.csv", "time_s,x,y,z,qx,qy,qz,qw", np.column_stack((stamps, positions, quaternions)))
@@ -211,7 +213,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_what_cannot_be_understood_is_refused_by_name(tmp_path: Path, name: str) -> None:
-    """Each message names the sample or column at fault, or lists what there is. Nothing is guessed that could hurt."""
+    """Each message names the invalid sample or column, or lists the valid ones. Ambiguous data are never guessed."""
     text, options, message = BROKEN[name]
     file = tmp_path / "broken.csv"
     file.write_text(text)
@@ -221,7 +223,7 @@ def test_what_cannot_be_understood_is_refused_by_name(tmp_path: Path, name: str)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
-    """Missing files, binary rubbish, arrays of other shapes, and a time file of another length."""
+    """Missing files, random bytes, arrays of other shapes, and a time file of another length."""
     with pytest.raises(TrajectoryFileError, match=r"absent\.csv cannot be read"):
         load(tmp_path / "absent.csv")
     for name in ("rubbish.csv", "rubbish.npy"):
@@ -250,7 +252,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     ],
 )
 def test_a_description_out_of_range_is_refused(options: dict[str, object], message: str) -> None:
-    """The description checks itself, so that the error comes before any file is opened."""
+    """The format checks its own values, so that the error occurs before any file is opened."""
     with pytest.raises(TrajectoryFileError, match=message):
         PoseFileFormat(**options)  # type: ignore[arg-type]
 
@@ -262,7 +264,7 @@ def sampled(times: Array) -> tuple[SampledTrajectory, Array]:
 
 
 def test_interpolation_passes_the_samples_with_a_continuous_velocity() -> None:
-    """On an uneven grid: the samples are met, and the velocity just before each is the one just after; rest outside."""
+    """On an uneven grid: the curve passes the samples with equal velocity before and after each; at rest outside."""
     times = np.cumsum(np.r_[0.0, np.tile((0.05, 0.02, 0.11, 0.05), 5)])
     trajectory, poses = sampled(times)
     h = 1e-6
@@ -276,7 +278,7 @@ def test_interpolation_passes_the_samples_with_a_continuous_velocity() -> None:
 
 
 def test_interpolation_finds_the_motion_between_the_samples() -> None:
-    """Sampled twice as densely, a smooth motion is missed by a quarter at most: second order, away from the ends."""
+    """With twice as many samples, the error is a quarter at most: second order, away from the ends."""
     worst = []
     for count in (41, 81):
         times = np.linspace(0.0, 2.0, count)
@@ -306,7 +308,7 @@ def test_interpolation_rests_where_a_sample_repeats_and_never_overshoots_a_step(
 
 
 def test_of_samples_at_one_time_the_last_counts_and_all_are_handed_on() -> None:
-    """Duplicated stamps do not divide by zero; the stream that is replayed keeps every sample."""
+    """Duplicate stamps do not cause a division by zero; the replayed stream keeps every sample."""
     poses = np.tile(np.eye(4), (4, 1, 1))
     poses[:, 0, 3] = (0.0, 0.1, 0.2, 0.3)
     trajectory = SampledTrajectory(np.array([0.0, 1.0, 1.0, 2.0]), poses)
@@ -333,7 +335,7 @@ REAL = {
 
 @pytest.mark.parametrize("name", REAL)
 def test_real_files_run_as_they_are(name: str) -> None:
-    """Each public recording opens with at most its unit, order and length said, and lies within an arm's reach."""
+    """Each public recording opens with at most unit, order and duration given, and is within an arm's reach."""
     file, how, duration_s, count = REAL[name]
     trajectory = load(shared_path("data", *file.split("/")), how, START)
     assert trajectory.duration_s == pytest.approx(duration_s, abs=0.02)
@@ -343,7 +345,7 @@ def test_real_files_run_as_they_are(name: str) -> None:
 
 
 def test_the_real_task_board_both_ways() -> None:
-    """Goal and measured pose of one recording: same stamps, same length, and the tool is near its goal (RMS < 2 cm)."""
+    """Goal and measured pose of one recording: same stamps and duration, tool near its goal (RMS < 2 cm)."""
     data = shared_path("data", "taskboard_20hz", "data_trial1.csv")
     stamps = shared_path("data", "taskboard_20hz", "seq_trial1.csv")
     how = PoseFileFormat(time_file=str(stamps), time="pose_header_seq", time_unit="ms", end_s=60.0)

@@ -1,7 +1,7 @@
-"""Shapes: exactly at the start pose, at rest at both ends, smooth between them, and within what two arms can do.
+"""Shapes: exactly at the start pose, at rest at both ends, smooth between them, and feasible for two arms.
 
-Smoothness is checked by finite differences on fine grids; the arms by following each shape with the exact inverse of
-their Jacobian. Not tested here: how a controller follows them.
+Smoothness is checked by finite differences on fine grids; feasibility by following each shape with the exact inverse of
+the arm's Jacobian. Not tested here: how a controller follows them.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ def robot(name: str) -> Robot:
 
 @pytest.mark.parametrize("name", shapes.SHAPES)
 def test_begins_at_the_start_pose_and_holds_its_ends(name: str) -> None:
-    """A demonstration starts where the arm stands; before and after, nothing moves. Bits at the start, not nearly."""
+    """A demonstration starts at the pose of the arm; before and after, nothing moves. The start pose is equal bit for
+    bit."""
     trajectory = shapes.SHAPES[name](start_pose())
     assert np.abs(trajectory.pose(0.0) - start_pose()).max() < 1e-15
     assert (trajectory.pose(-1.0) == trajectory.pose(0.0)).all()
@@ -59,8 +60,9 @@ def test_begins_at_the_start_pose_and_holds_its_ends(name: str) -> None:
 
 @pytest.mark.parametrize("name", shapes.SHAPES)
 def test_three_derivatives_are_continuous_and_vanish_at_the_ends(name: str) -> None:
-    """A jump of the n-th derivative shows as a step between neighbouring finite differences that does not shrink with
-    the grid; a continuous one shrinks with it. The grids reach beyond both ends, where nothing moves."""
+    """A jump of the n-th derivative shows as a difference between neighbouring finite differences that does not
+    decrease with the grid spacing; for a continuous derivative it decreases. The grids extend beyond both ends, where
+    nothing moves."""
     trajectory = shapes.SHAPES[name](start_pose())
 
     def largest_step(dt: float, order: int) -> float:
@@ -76,7 +78,7 @@ def test_three_derivatives_are_continuous_and_vanish_at_the_ends(name: str) -> N
 @pytest.mark.parametrize(("arm", "name"), list(itertools.product(STARTS, shapes.SHAPES)))
 def test_within_the_reach_and_limits_of_two_arms(arm: str, name: str) -> None:
     """Following a shape exactly keeps velocities under half of the URDF's limits, joints 0.3 rad inside theirs, and the
-    least singular value (angular rows times 0.3 m) above 0.1 m: five times where directions begin to fade."""
+    smallest singular value (angular rows times 0.3 m) above 0.1 m: five times where directions begin to fade."""
     model, dt = robot(arm), 0.01
     q = np.array(STARTS[arm])
     trajectory = shapes.SHAPES[name](model.pose(q))
@@ -106,7 +108,7 @@ def test_the_usual_demonstration_is_what_it_says() -> None:
 
 
 def test_the_phase_is_the_integral_of_its_rate() -> None:
-    """The closed form of the ramp against numerical quadrature of the quintic it integrates, and the exact total."""
+    """The closed form of the ramp against numerical quadrature of the quintic, and the exact total."""
     timing = shapes.Cruise(total=2.0 * math.pi, rate=0.8, ramp_s=1.5)
 
     def rate(time_s: float) -> float:
@@ -123,7 +125,7 @@ def test_the_phase_is_the_integral_of_its_rate() -> None:
     ("shift", "turn"), [(0.5, 0.1), (0.02, 0.1), (0.01, 1.5), (0.0, 0.2), (1e-4, 0.0)], ids=lambda value: f"{value:g}"
 )
 def test_a_line_is_as_fast_as_its_bounds_allow(shift: float, turn: float) -> None:
-    """Whichever of the four bounds holds, its peak is reached and no other is passed: long, short, turning lines."""
+    """For each of the four bounds, its peak is reached and no other is exceeded: long, short, turning lines."""
     end = start_pose() @ se3.exp(np.array([0.0, shift, 0.0, 0.0, 0.0, 0.0]))
     end[:3, :3] = end[:3, :3] @ se3.exp_rotation(np.array([turn, 0.0, 0.0]))
     line = shapes.straight_line(start_pose(), end, 0.2, 0.5, 0.3, 1.0)
@@ -143,7 +145,7 @@ def test_a_line_is_as_fast_as_its_bounds_allow(shift: float, turn: float) -> Non
 
 
 def test_a_line_turns_the_short_way_and_may_be_no_line_at_all() -> None:
-    """More than half a turn goes the other way round; between equal ends nothing moves and no time goes by."""
+    """More than half a turn takes the other sense; between equal ends nothing moves and the duration is zero."""
     start = start_pose()
     end = start.copy()
     end[:3, :3] = start[:3, :3] @ se3.exp_rotation(np.array([0.0, 0.0, 1.5 * math.pi]))
@@ -156,7 +158,7 @@ def test_a_line_turns_the_short_way_and_may_be_no_line_at_all() -> None:
 
 
 def test_a_sequence_runs_its_parts_and_refuses_a_jump() -> None:
-    """Each part at its own time, the ends held, and no two parts joined that do not meet."""
+    """Each part at its own time, the ends held; parts that do not meet are refused."""
     line = shapes.there_and_back(start_pose())
     eight = shapes.figure_of_eight(start_pose())
     both = shapes.sequence(line, shapes.hold(start_pose(), 0.0), eight)
@@ -173,7 +175,7 @@ def test_a_sequence_runs_its_parts_and_refuses_a_jump() -> None:
 
 
 def test_refuses_what_makes_no_motion() -> None:
-    """Each argument that would give a jump or something not finite is refused by its name."""
+    """Each argument that would give a jump or a value that is not finite is refused by its name."""
     pose = start_pose()
     with pytest.raises(InputError, match="ramp_s"):
         shapes.figure_of_eight(pose, ramp_s=9.0)

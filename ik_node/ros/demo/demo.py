@@ -90,7 +90,7 @@ class Demonstration:
         out = self._options.out
         out.mkdir(parents=True)
         if is_cold():
-            print("compiling, once per version: about half a minute", flush=True)
+            print("compiling, once per version: about a minute", flush=True)
             warm_up(self._robot, Settings())
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:

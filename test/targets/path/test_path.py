@@ -1,7 +1,7 @@
-"""Paths and trajectories: C2 through their poses, exact feed-forward, begun without a jump, kept while s < 1.
+"""Paths and trajectories: C2 through their poses, exact feed-forward, start without a jump, geometry kept while s < 1.
 
 References are closed forms of motions on SE(3), finite differences, and scipy's rotation spline. The tool is ideal: it
-does exactly the part ``time_rate`` of each twist.
+executes exactly the fraction ``time_rate`` of each twist.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_ACCELERATION = np.array(PATH_ACCELERATION_FRACTION) * TargetSettings().max_a
 
 
 def screw(time_s: float) -> Array:
-    """A motion that turns about a moving axis, from rest at 0 s to rest at 4 s."""
+    """A rotation about a moving axis, from rest at 0 s to rest at 4 s."""
     u = min(max(time_s / 4.0, 0.0), 1.0)
     phase = 2.0 * np.pi * u**4 * (35 + u * (-84 + u * (70 - 20 * u)))
     pose = se3.exp(np.array([0.1, 0.02, 0.0, 0.0, 0.0, 0.5]) * np.sin(phase))
@@ -48,7 +48,7 @@ def screw(time_s: float) -> Array:
 
 
 def twist_of(pose: Callable[[float], Array], time_s: float) -> Array:
-    """Velocity of the origin and angular velocity in {s}, by differences of sixth order."""
+    """Return velocity of the origin and angular velocity in {s}, by differences of sixth order."""
     h = 1e-3
     weights = {1: 45.0, 2: -9.0, 3: 1.0}
     here = pose(time_s)
@@ -67,14 +67,14 @@ def twist_of(pose: Callable[[float], Array], time_s: float) -> Array:
 
 
 def base_only(frame: str) -> Array:
-    """Frames of a robot with none but its base."""
+    """The frames of a robot with no frame but its base."""
     if frame != "base":
         raise UnknownNameError("frame", frame, ["base"])
     return np.eye(4)
 
 
 def path_of(poses: list[Array], times_s: list[float], begin_ns: int = ROS_NS) -> PathSample:
-    """The message's content; the path begins at ``begin_ns`` + the first time."""
+    """Content of the message; the path begins at ``begin_ns`` + the first time."""
     return PathSample(
         ("base",) * len(poses),
         tuple(begin_ns + round(time * NS) for time in times_s),
@@ -104,7 +104,7 @@ def resting(pose: Array) -> RigidMotion:
 
 
 def route(sample: PathSample | TrajectorySample, now_ns: int = 0, settings: PathSettings = SETTINGS) -> PathRequest:
-    """Received when the monotonic clock shows ``now_ns`` and ROS time is that much after ``ROS_NS``."""
+    """A request received at ``now_ns`` of the monotonic clock, when ROS time is ``ROS_NS`` plus the same value."""
     now = Instant(now_ns, ROS_NS + now_ns)
     if isinstance(sample, PathSample):
         return request_from_path(sample, base_only, now, settings)
@@ -112,7 +112,7 @@ def route(sample: PathSample | TrajectorySample, now_ns: int = 0, settings: Path
 
 
 class Run:
-    """An ideal tool that follows a path tick by tick."""
+    """An ideal tool that follows a path step by step."""
 
     def __init__(self, path: PathRequest, start: RigidMotion, tick_s: float = TICK_S, begin_ns: int = 0) -> None:
         self.follower = PathFollower(Settings())
@@ -132,7 +132,7 @@ class Run:
             self.twists.append(motion.twist_d)
             self.tools.append(self.tool)
             self.time_rate = time_rate(self.time_ns / NS)
-            # proportional feedback on what the discrete steps leave over
+            # proportional feedback for the error of the discrete steps
             error = se3.log(se3.inverse(self.tool) @ motion.pose_sd)
             twist = se3.adjoint(se3.inverse(self.tool) @ motion.pose_sd) @ motion.twist_d + 10.0 * error
             self.tool = self.tool @ se3.exp(self.time_rate * twist * self.tick_ns / NS)
@@ -176,7 +176,7 @@ def test_goes_through_the_poses_with_continuous_acceleration(angle: float) -> No
                 assert np.abs(np.subtract(one, other)).max() < 1e-6 * (1.0 + np.abs(one).max())
     for end in (spline.motion(0.0), spline.motion(5.5)):
         at_rest = (end.velocity, end.acceleration, end.rate, end.angular_acceleration)
-        assert np.abs(at_rest).max() < 1e-9, "at rest, acceleration too"
+        assert np.abs(at_rest).max() < 1e-9, "at rest, including zero acceleration"
 
 
 def test_the_derivatives_are_those_of_the_pose() -> None:
@@ -199,7 +199,7 @@ def test_the_derivatives_are_those_of_the_pose() -> None:
 
 @pytest.mark.parametrize(("angle", "tolerance"), [(0.05, 1e-12), (0.5, 1e-8), (1.0, 1e-5)])
 def test_between_the_ends_it_is_the_spline_of_least_bending(angle: float, tolerance: float) -> None:
-    """Far from its ends, where scipy's spline is free and ours at rest, both are the same."""
+    """Far from its ends, where scipy's spline is free and this one at rest, both are equal."""
     count = 60
     poses, times = random_poses(count, angle, seed=7), np.linspace(0.0, 60.0, count)
     spline = spline_of(times, poses)
@@ -210,7 +210,7 @@ def test_between_the_ends_it_is_the_spline_of_least_bending(angle: float, tolera
 
 
 def test_deviation_from_the_truth_falls_with_the_fourth_power_of_the_spacing() -> None:
-    """Of an analytic motion, at 16 and at 32 poses per second."""
+    """For an analytic motion, at 16 and at 32 poses per second."""
     errors = []
     for rate in (16, 32):
         times = np.linspace(0.0, 4.0, 4 * rate + 1)
@@ -234,7 +234,7 @@ def test_a_repeated_pose_is_a_pause_that_nothing_rings_into() -> None:
 
 
 def test_feed_forward_is_exact() -> None:
-    """Each tick's twist leads from its pose to the next one, and the poses are those of the path."""
+    """The twist of each step leads from its pose to the next one, and the poses are those of the path."""
     times = np.linspace(0.0, 4.0, 129)
     poses = [screw(time) for time in times.tolist()]
     run = Run(route(path_of(poses, times.tolist())), resting(poses[0])).go(5.0)
@@ -266,10 +266,10 @@ def test_a_path_that_has_begun_is_joined_where_it_is() -> None:
     near = screw(1.5) @ se3.exp(np.array([0.004, -0.003, 0.002, 0.01, 0.0, 0.02]))
     run = Run(route(path_of(poses, times.tolist(), ROS_NS - 1_500_000_000)), resting(near)).go(4.0)
     assert not run.follower.waiting
-    assert np.abs(run.poses[0] - near).max() < 1e-9, "from where the arm is"
+    assert np.abs(run.poses[0] - near).max() < 1e-9, "it starts at the present pose of the arm"
     spline = spline_of(times, poses)
     late_s = run.follower.late_s
-    assert late_s == 0.0, "it is done"
+    assert late_s == 0.0, "the motion is completed"
     assert run.follower.finished
     settled = [pose for time, pose in zip(run.times, run.poses, strict=True) if 1.5 < time < 2.0]
     on_path = min(
@@ -279,7 +279,7 @@ def test_a_path_that_has_begun_is_joined_where_it_is() -> None:
 
 
 def test_joined_in_motion_it_is_on_time() -> None:
-    """A planner that sends its path again and again, from where the arm should be by now."""
+    """A planner sends its path repeatedly, starting at the pose that the arm should have by now."""
     first = np.linspace(0.0, 4.0, 65)
     run = Run(route(path_of([screw(t) for t in first.tolist()], first.tolist())), resting(screw(0.0))).go(1.5)
     again = first[first > 1.4]
@@ -308,10 +308,10 @@ def test_far_from_the_arm_it_goes_there_straight_within_bounds_and_begins_late()
     assert begun > 100
     way = poses[0][:3, 3] - start[:3, 3]
     aside = np.cross(moved[:begun] - start[:3, 3], way / np.linalg.norm(way))
-    assert np.abs(aside).max() < 1e-6, "straight"
+    assert np.abs(aside).max() < 1e-6, "the motion is straight"
     turns = np.array([se3.log_rotation(start[:3, :3].T @ pose[:3, :3]) for pose in run.poses[:begun]])
     axis = se3.log_rotation(start[:3, :3].T @ poses[0][:3, :3])
-    assert np.abs(np.cross(turns, axis / np.linalg.norm(axis))).max() < 1e-6, "the shortest turn"
+    assert np.abs(np.cross(turns, axis / np.linalg.norm(axis))).max() < 1e-6, "it takes the shortest rotation"
     speeds = np.gradient(moved[:begun], TICK_S, axis=0)
     accelerations = np.gradient(speeds, TICK_S, axis=0)
     jerks = np.gradient(accelerations, TICK_S, axis=0)[4:-4]
@@ -335,7 +335,7 @@ def test_begun_late_it_leaves_nothing_out() -> None:
 
 
 def test_while_the_limits_slow_the_arm_the_path_waits_and_its_geometry_is_kept() -> None:
-    """The tick in which s changes is the only one whose twist belongs to another part of the interval: 0.5 um."""
+    """Only the step in which s changes has a twist of another part of the interval: 0.5 um."""
     times = np.linspace(0.0, 6.0, 129)
     poses = [screw(time * 4.0 / 6.0) for time in times.tolist()]
 
@@ -348,13 +348,13 @@ def test_while_the_limits_slow_the_arm_the_path_waits_and_its_geometry_is_kept()
         run.go(run.time_ns / NS + TICK_S, time_rate)
         distances.append(run.follower.distance_m)
     assert max(distances) < 1e-6
-    assert run.time_ns / NS == pytest.approx(6.0 + 0.85 * 1.3 + 0.4 * 2.0, abs=0.01), "later by what was lost"
+    assert run.time_ns / NS == pytest.approx(6.0 + 0.85 * 1.3 + 0.4 * 2.0, abs=0.01), "later by the lost time"
     run.go(run.time_ns / NS + 0.5)
     assert np.abs(run.tool - poses[-1]).max() < 1e-6
 
 
 def test_after_a_stop_the_path_goes_on_where_it_was_left() -> None:
-    """The arm was stopped, and pushed aside: back straight, and then the rest of the geometry."""
+    """The arm was stopped and pushed aside: it returns straight, and then completes the rest of the geometry."""
     times = np.linspace(0.0, 4.0, 65)
     poses = [screw(time) for time in times.tolist()]
     run = Run(route(path_of(poses, times.tolist())), resting(poses[0])).go(1.7)
@@ -366,7 +366,7 @@ def test_after_a_stop_the_path_goes_on_where_it_was_left() -> None:
     begin = len(run.poses)
     run.go(2.0)
     assert run.follower.waiting
-    assert run.follower.progress == pytest.approx(done, abs=1e-3), "it is not left out, nor begun anew"
+    assert run.follower.progress == pytest.approx(done, abs=1e-3), "it is neither skipped nor started again"
     run.go(9.0)
     assert run.follower.finished
     assert np.abs(run.tool - poses[-1]).max() < 1e-6
@@ -465,14 +465,14 @@ def test_twists_are_in_the_axes_of_the_header() -> None:
 def test_a_trajectory_that_begins_and_ends_in_motion_is_joined_and_left_without_a_jump() -> None:
     times = np.linspace(1.0, 3.0, 33).tolist()
     run = Run(route(trajectory_of(times)), resting(screw(1.0))).go(0.9)
-    assert run.follower.waiting, "the first point holds one second after the start"
+    assert run.follower.waiting, "the first point starts one second after the start"
     run.go(6.0)
     assert run.follower.finished
     assert np.abs(run.poses[-1] - screw(3.0)).max() < 1e-6
     twists = np.array(run.twists)
     accelerations = np.linalg.norm(np.diff(twists[:, :3], axis=0), axis=1) / TICK_S
-    assert accelerations.max() < 3.0, "bounded, not a step of 0.15 m/s in one tick"
-    assert np.linalg.norm(twist_of(screw, 1.0)[:3]) > 0.1, "it was under way, or this tests nothing"
+    assert accelerations.max() < 3.0, "bounded, no step of 0.15 m/s in one control step"
+    assert np.linalg.norm(twist_of(screw, 1.0)[:3]) > 0.1, "it has to be moving for this test to be valid"
 
 
 def test_without_twists_it_is_a_path() -> None:
@@ -506,7 +506,7 @@ def test_a_path_without_times_gets_times_within_the_speeds_and_accelerations() -
 
 
 def test_a_path_without_times_keeps_its_poses_however_unevenly_they_lie() -> None:
-    """Corners, a turn on the spot, a tiny step and a repeated pose."""
+    """Corners, a turn without translation, a tiny step and a repeated pose."""
     steps = [(0.2, 0, 0, 0, 0, 0), (0, 0.1, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1.0), (1e-5, 0, 0, 0, 0, 0), (0,) * 6]
     poses = [screw(0.0)]
     for step in steps:
@@ -525,7 +525,7 @@ def test_a_path_without_times_keeps_its_poses_however_unevenly_they_lie() -> Non
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_times_are_found_that_the_joints_can_keep(name: str) -> None:
-    """The tool's bounds are out of the way here; joints are moved by the pseudoinverse."""
+    """The bounds of the tool are inactive here; the pseudoinverse moves the joints."""
     robot = make_robot(name)
     q = np.array(READY[name])
     start = robot.pose(q)
@@ -540,7 +540,7 @@ def test_times_are_found_that_the_joints_can_keep(name: str) -> None:
     settings = Settings().with_values(values | fast)
     follower = PathFollower(settings, robot)
     follower.begin(route(path_of(poses, [0.0] * 25), settings=settings.path), resting(start), 0, q)
-    assert follower.waiting, "times are still being looked for"
+    assert follower.waiting, "the times are not computed yet"
     speeds, velocity, time_ns = [], np.zeros(robot.n), 0
     while not follower.finished:
         pose = robot.pose(q)
@@ -555,11 +555,11 @@ def test_times_are_found_that_the_joints_can_keep(name: str) -> None:
     accelerations = np.abs(np.diff(speeds, axis=0)).max() / TICK_S
     assert used.max() < 1.0
     assert accelerations < 1.0
-    assert max(used.max(), accelerations) > 0.6, "no slower than it has to be"
+    assert max(used.max(), accelerations) > 0.6, "no slower than necessary"
     assert follower.distance_m < 1e-5
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------
+# --- invalid input ---------------------------------------------------------------------------------------------------
 
 
 GOOD = [screw(time) for time in np.linspace(0.0, 4.0, 9).tolist()]
@@ -567,7 +567,7 @@ TIMES = np.linspace(0.0, 4.0, 9).tolist()
 
 
 def changed(index: int, **values: object) -> PathSample:
-    """The good path with one pose changed."""
+    """The valid path with one pose changed."""
     sample = path_of(GOOD, TIMES)
     positions, quaternions = sample.positions.copy(), sample.quaternions.copy()
     frames, stamps = list(sample.frame_ids), list(sample.stamps_ns)
@@ -625,7 +625,7 @@ def test_slightly_denormal_and_flipped_quaternions_are_put_right() -> None:
 
 @pytest.mark.parametrize(("begin_s", "warning"), [(0, ""), (17, ""), (1_699_999_900, "are in the past")])
 def test_stamps_of_the_past_only_say_how_long(begin_s: int, warning: str) -> None:
-    """Those that count from 0 are meant so; dates that have gone by are remarked."""
+    """Stamps that count from 0 are relative by convention; past dates cause a warning."""
     found = route(path_of(GOOD, TIMES, begin_s * NS))
     assert found.begin_ns is None
     assert warning in found.warning

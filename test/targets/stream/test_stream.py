@@ -1,6 +1,6 @@
-"""Streamed poses as a smooth motion: exact where the target is simple, bounded whatever comes.
+"""Streamed poses as a smooth motion: exact for simple targets, bounded for any input.
 
-The twist that is handed out must be what the pose does over the interval, so most properties are tested on both. The
+The returned twist must equal the motion of the pose over the interval, so most properties are tested on both. The
 references are closed forms of the targets; the bounds are checked on finite differences of the commanded twist.
 """
 
@@ -34,7 +34,7 @@ def pose(position: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: tuple[flo
 
 
 class Run:
-    """A stream fed to the motion tick by tick, and what came out."""
+    """Passes samples to the stream at each control step and collects the results."""
 
     def __init__(self, start: Array, settings: TargetSettings = SETTINGS) -> None:
         self.stream = StreamedPoses(settings)
@@ -45,7 +45,7 @@ class Run:
         self.twists: list[Array] = []
 
     def go(self, until_s: float, samples: list[tuple[Stamped, Array]]) -> Run:
-        """``samples`` ordered by arrival."""
+        """Run with ``samples`` ordered by arrival."""
         waiting = [sample for sample in samples if sample[0].received_ns > (self.tick - 1) * TICK_NS]
         while self.tick * TICK_NS < ns(until_s):
             now = self.tick * TICK_NS
@@ -60,7 +60,7 @@ class Run:
         return self
 
     def twists_s(self) -> Array:
-        """Velocity of the origin and angular velocity, both written in {s}: what the bounds hold for."""
+        """Velocity of the origin and angular velocity, both in {s}: the quantities that the bounds apply to."""
         return np.array(
             [
                 np.concatenate((p[:3, :3] @ v[:3], p[:3, :3] @ v[3:]))
@@ -77,7 +77,8 @@ def clean(
 
 
 def check_bounds(run: Run, settings: TargetSettings = SETTINGS, slack: float = 1.02) -> None:
-    """Finite differences of the twists, which are means over an interval: their k-th differences are means too."""
+    """Check finite differences of the twists. Twists are means over an interval, so their k-th differences are means
+    too."""
     for half, speed, acceleration, jerk in (
         (slice(0, 3), settings.max_speed[0], settings.max_acceleration[0], settings.max_jerk[0]),
         (slice(3, 6), settings.max_speed[1], settings.max_acceleration[1], settings.max_jerk[1]),
@@ -106,7 +107,7 @@ def test_a_screw_of_constant_velocity_is_followed_without_error(rate_hz: float) 
 
 @pytest.mark.parametrize("late_s", [0.001, 0.007, 0.1])
 def test_late_ticks_change_nothing(late_s: float) -> None:
-    """A tick that comes late, after newer samples have come, finds the motion where it would have been."""
+    """A control step that is late, after newer samples have arrived, gives the same motion."""
 
     def target(t: float) -> Array:
         return pose((0.1 * t, 0.0, 0.0), (0.0, 0.0, 0.4 * t))
@@ -123,7 +124,7 @@ def test_late_ticks_change_nothing(late_s: float) -> None:
 
 
 def figure_of_eight(t: float) -> Array:
-    """0.3 m x 0.15 m in 10 s, with turning tool; smooth start over the first second."""
+    """0.3 m x 0.15 m in 10 s, with rotating tool; smooth start over the first second."""
     s = t - 0.5 if t > 1.0 else 2.5 * t**4 - 3.0 * t**5 + t**6
     w = 0.2 * np.pi * s
     return pose((0.4 + 0.15 * np.sin(w), 0.075 * np.sin(2 * w), 0.5), (0.4 * np.sin(w), 0.4 * np.sin(2 * w), 0.0))
@@ -131,7 +132,7 @@ def figure_of_eight(t: float) -> Array:
 
 @pytest.mark.parametrize(("rate_hz", "limit_mm", "limit_mrad"), [(50.0, 0.1, 0.4), (500.0, 0.03, 0.1)])
 def test_a_clean_stream_is_followed_without_lag(rate_hz: float, limit_mm: float, limit_mrad: float) -> None:
-    """Against the closed form at the same time, transport 0.3-3 ms: a tenth of a millimetre is 1 ms of lag here."""
+    """Against the closed form at the same time, transport 0.3-3 ms: an error of 0.1 mm is 1 ms of lag here."""
     rng = np.random.default_rng(1)
     samples = [
         (Stamped(ns(t), ns(t + rng.uniform(0.0003, 0.003)), 0), figure_of_eight(float(t)))
@@ -146,14 +147,14 @@ def test_a_clean_stream_is_followed_without_lag(rate_hz: float, limit_mm: float,
 
 
 def test_the_twist_is_what_the_pose_does() -> None:
-    """When the next tick comes as promised, the pose has moved by exactly hold_s of the twist."""
+    """When the next step is on time, the pose has moved by exactly hold_s times the twist."""
     run = Run(figure_of_eight(0.0)).go(3.0, clean(figure_of_eight, 0.02, 3.0))
     for before, twist, after in zip(run.poses, run.twists, run.poses[1:], strict=False):
         np.testing.assert_allclose(before @ exp(twist * TICK_S), after, atol=1e-12)
 
 
 def hostile(seed: int) -> list[tuple[Stamped, Array]]:
-    """Jumps, noise, bursts, gaps, repeats, stamps that run backwards: everything a stream may do but be refused."""
+    """Jumps, noise, bursts, gaps, repeats, decreasing stamps: every disturbance that is not refused."""
     rng = np.random.default_rng(seed)
     samples = []
     t, position, turn = 0.0, np.zeros(3), np.zeros(3)
@@ -178,7 +179,7 @@ def hostile(seed: int) -> list[tuple[Stamped, Array]]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_speed_acceleration_and_jerk_are_bounded_whatever_comes(seed: int) -> None:
-    """The bounds are on the motion, not on the input."""
+    """The bounds apply to the motion, not to the input."""
     run = Run(pose()).go(5.0, hostile(seed))
     assert np.isfinite(run.twists).all()
     check_bounds(run)
@@ -203,7 +204,7 @@ def test_the_same_input_gives_the_same_bits_and_a_snapshot_goes_on() -> None:
 
 
 def test_duplicates_and_old_samples_change_nothing() -> None:
-    """Repeated and overtaken messages are counted and have no other effect."""
+    """Repeated and reordered messages are counted and have no other effect."""
     samples = clean(figure_of_eight, 0.02, 3.0)
     spoilt: list[tuple[Stamped, Array]] = []
     for index, (stamped, sample) in enumerate(samples):
@@ -219,7 +220,7 @@ def test_duplicates_and_old_samples_change_nothing() -> None:
 
 
 def test_a_gap_is_bridged_for_a_period_and_then_waited_out() -> None:
-    """Constant velocity, then silence: the motion comes to rest a little further, and catches up afterwards."""
+    """Constant velocity, then no samples: the motion comes to rest a little further, and catches up afterwards."""
 
     def target(t: float) -> Array:
         return pose((0.2 * t, 0.0, 0.0))
@@ -235,7 +236,7 @@ def test_a_gap_is_bridged_for_a_period_and_then_waited_out() -> None:
 
 
 def test_one_lost_sample_moves_the_motion_little() -> None:
-    """At constant velocity a lost sample is bridged: nothing is seen of it."""
+    """At constant velocity a lost sample is bridged without a visible effect."""
 
     def target(t: float) -> Array:
         return pose((0.2 * t, 0.0, 0.0))
@@ -247,7 +248,7 @@ def test_one_lost_sample_moves_the_motion_little() -> None:
 
 
 def test_after_its_end_the_stream_is_held_at_the_last_sample() -> None:
-    """Silence for timeout_s: back from where it was extrapolated to, to the last sample, and at rest there."""
+    """No samples for timeout_s: the motion returns from the extrapolated pose to the last sample and rests there."""
 
     def target(t: float) -> Array:
         return pose((0.2 * t, 0.0, 0.0), (0.0, 0.5 * t, 0.0))
@@ -264,7 +265,7 @@ def test_after_its_end_the_stream_is_held_at_the_last_sample() -> None:
 
 
 def test_a_jump_is_approached_along_a_line_with_the_shortest_turn() -> None:
-    """From rest to a pose 0.3 m and nearly 180 degrees away: told as a jump, straight, about one axis, in time."""
+    """From rest to a pose at 0.3 m and nearly 180 degrees: reported as a jump, straight, about one axis, in time."""
     turn = np.array([1.0, 2.0, -0.5])
     turn *= np.radians(179.0) / np.linalg.norm(turn)
     start, goal = pose((0.1, 0.2, 0.3)), pose((0.3, 0.0, 0.4), tuple(turn))
@@ -287,7 +288,7 @@ def test_a_jump_is_approached_along_a_line_with_the_shortest_turn() -> None:
 
 
 def test_a_goal_that_flickers_about_180_degrees_is_reached() -> None:
-    """The shortest turn changes its side at every sample; the motion keeps the side it has begun with."""
+    """The shortest rotation changes its sense at every sample; the motion keeps its first sense."""
     sides = (pose(turn=(0.0, 0.0, np.pi - 0.01)), pose(turn=(0.0, 0.0, -np.pi + 0.01)))
     samples = [(Stamped(ns(t), ns(t), 0), sides[i % 2]) for i, t in enumerate(np.arange(0.0, 3.0, 0.02))]
     run = Run(pose()).go(3.0, samples)
@@ -296,7 +297,7 @@ def test_a_goal_that_flickers_about_180_degrees_is_reached() -> None:
 
 
 def test_hold_comes_to_rest_and_stays() -> None:
-    """What pause asks for; samples that still come have no effect until the next start."""
+    """Used by pause; further samples have no effect until the next start."""
 
     def target(t: float) -> Array:
         return pose((0.2 * t, 0.0, 0.0))
@@ -313,7 +314,7 @@ def test_hold_comes_to_rest_and_stays() -> None:
 
 
 def test_time_never_runs_backwards() -> None:
-    """A clock that steps back gives the present pose again, and the motion goes on from there."""
+    """A clock that steps back returns the present pose again, and the motion continues from there."""
     run = Run(figure_of_eight(0.0)).go(1.0, clean(figure_of_eight, 0.02, 1.0))
     now = run.stream.advance(ns(1.0), TICK_S)
     again = run.stream.advance(ns(0.5), TICK_S)
@@ -323,7 +324,7 @@ def test_time_never_runs_backwards() -> None:
 
 @pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
 def test_the_tick_rate_matters_little(rate_hz: float) -> None:
-    """Slow ticks are cut into steps: 30 Hz gives the motion of 1000 Hz within a tenth of a millimetre."""
+    """Long control steps are subdivided: 30 Hz gives the motion of 1000 Hz within a tenth of a millimetre."""
     settings = TargetSettings()
     fine, other = StreamedPoses(settings), StreamedPoses(settings)
     for stream in (fine, other):

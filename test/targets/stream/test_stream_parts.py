@@ -1,4 +1,4 @@
-"""The parts of streamed targets: rhythm, predictors and quaternions, each against an independent reference."""
+"""Components of streamed targets: sampling clock, predictors and quaternions, each against an independent reference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def triple(values: NDArray[Any]) -> Vector:
 
 
 def test_quaternions_do_what_matrices_do() -> None:
-    """Against Pinocchio's exponential and logarithm, from tiny turns to nearly pi."""
+    """Against Pinocchio's exponential and logarithm, from tiny rotations to nearly pi."""
     rng = np.random.default_rng(0)
     for size in (0.0, 1e-12, 1e-6, 1e-4, 0.1, 1.0, 3.0, np.pi - 1e-6):
         axis = rng.normal(size=3)
@@ -41,7 +41,7 @@ def test_quaternions_do_what_matrices_do() -> None:
 
 @pytest.mark.parametrize("turn", [(np.pi, 0.0, 0.0), (0.0, np.pi, 0.0), (0.0, 0.0, np.pi)])
 def test_half_turns_are_read_from_matrices(turn: Vector) -> None:
-    """The trace is -1 there: each branch of the conversion is needed."""
+    """The trace is -1 there: each branch of the conversion is tested."""
     matrix = pin.exp3(np.array(turn))
     np.testing.assert_allclose(quat.to_matrix(quat.from_matrix(matrix)), matrix, atol=1e-15)
 
@@ -54,7 +54,7 @@ def rhythm(times_s: Array) -> list[SamplingClock]:
 
 
 def test_a_regular_stream_has_its_own_rhythm() -> None:
-    """Without jitter nothing is corrected, lost samples or not."""
+    """Without jitter no stamp is corrected, with or without lost samples."""
     times = np.delete(np.arange(0.0, 4.0, 0.025), [30, 31, 60, 99])
     for cadence in rhythm(times)[2:]:
         assert cadence.period_s == pytest.approx(0.025, rel=1e-6)
@@ -64,7 +64,7 @@ def test_a_regular_stream_has_its_own_rhythm() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_jitter_is_taken_off(seed: int) -> None:
-    """Delays spread over 0.4 periods, 3 % lost: the regular times, less the mean delay, are near the true ones."""
+    """Delays spread over 0.4 periods, 3 % lost: the corrected times, less the mean delay, are near the true ones."""
     rng = np.random.default_rng(seed)
     sent = np.arange(0.0, 20.0, 0.05)
     sent = sent[rng.uniform(size=len(sent)) > 0.03]
@@ -96,14 +96,14 @@ def fed(times_s: NDArray[Any], positions: NDArray[Any], turns: NDArray[Any]) -> 
 
 @pytest.mark.parametrize("index", range(len(PREDICTORS)))
 def test_each_predictor_is_a_polynomial_fit_that_forgets(index: int) -> None:
-    """Against numpy's least squares with weights fade^(2 k): the recursion is that fit once it has run long enough."""
+    """Against numpy's least squares with weights fade^(2 k): the recursion converges to that fit."""
     degree, fade = PREDICTORS[index]
     rng = np.random.default_rng(index)
     times = 0.05 * np.arange(300)
     positions = np.outer(0.1 * np.sin(times), (1.0, 0.5, -0.3)) + 1e-3 * rng.normal(size=(300, 3))
     now = fed(times, positions, np.zeros((300, 3))).now
     ages = times - times[-1]
-    # numpy weighs residuals, not their squares
+    # numpy applies weights to residuals, not to their squares
     weights = np.maximum(fade, 1e-9) ** (0.5 * np.arange(299, -1, -1.0))
     expected = np.polynomial.polynomial.polyfit(ages, positions, degree, w=weights) if fade > 0.0 else positions[-1:]
     np.testing.assert_allclose(now.value[index, :3], expected[0], atol=1e-9)
@@ -114,7 +114,7 @@ def test_each_predictor_is_a_polynomial_fit_that_forgets(index: int) -> None:
 
 
 def test_the_noise_of_predictions_is_the_one_of_their_fit() -> None:
-    """Variance ratio against the weights of numpy's fit, found sample by sample."""
+    """Variance ratio against the weights of numpy's fit, determined sample by sample."""
     ages = np.arange(-150.0, 1.0)
     for degree, fade in PREDICTORS[1:]:
         powers = np.vander(ages, degree + 1, increasing=True)
@@ -138,7 +138,7 @@ def test_parabolas_are_foretold_from_the_fourth_sample_on_at_any_intervals() -> 
 
 
 def test_turning_at_constant_rate_is_foretold() -> None:
-    """The rotation vector counts from the newest sample; a constant rate stays one however far it has turned."""
+    """The rotation vector is relative to the newest sample; a constant rate remains constant for any rotation."""
     times = 0.05 * np.arange(100)
     turns = np.outer(times, (0.4, 1.0, -0.2))
     now = fed(times, np.zeros((100, 3)), turns).now
@@ -149,7 +149,7 @@ def test_turning_at_constant_rate_is_foretold() -> None:
 
 
 def test_noise_makes_a_target_unpredictable_and_rest_does_not() -> None:
-    """What the latency is derived from: a part of the way between samples."""
+    """The quantity that determines the latency: a fraction of the motion between samples."""
     rng = np.random.default_rng(0)
     times = 0.05 * np.arange(200)
     line, still = np.outer(times, (0.1, 0.0, 0.0)), np.zeros((200, 3))
@@ -161,7 +161,7 @@ def test_noise_makes_a_target_unpredictable_and_rest_does_not() -> None:
 
 
 def test_a_jump_forgets_the_motion_but_not_who_foretold_it() -> None:
-    """After a jump the target is at rest until two samples say otherwise."""
+    """After a jump the target counts as at rest until two samples show a motion."""
     times = 0.05 * np.arange(50)
     before = fed(times, np.outer(times, (0.1, 0.0, 0.0)), np.zeros((50, 3)))
     after = new_bank((1.0, 0.0, 0.0), IDENTITY, before, False)

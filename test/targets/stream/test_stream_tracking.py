@@ -1,8 +1,8 @@
-"""How well streams are followed, against P control in the same run: made streams, and the real ones where they are.
+"""Tracking of streams compared with P control in the same run: generated streams, and the real ones where they exist.
 
 The figures are those of `ik_benchmark streams`, which is tested first on motions whose lag is known in closed form.
-What is asked of streams at 20 to 33 Hz: position lag under 30 ms or one sample period, rotation under 1.5 periods, peak
-acceleration per tick a fifth of P control's, and no more error than P control once the lag is taken off.
+Requirements for streams at 20 to 33 Hz: position lag under 30 ms or one sample period, rotation under 1.5 periods, peak
+acceleration per step a fifth of P control's, and no more error than P control after correction of the lag.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ GAIN = 10.0
 OURS, P, SLOPE = "ours", "P, 10/s", "last slope"
 CLEAN, STAMPED, UNSTAMPED = "clean", "jitter, stamped", "jitter, unstamped"
 Rows = dict[tuple[str, str, str], Any]
-"""(stream, dirt, follower, or "ratings") -> figures of position and orientation, or the verdict's."""
+"""(stream, noise, follower, or "ratings") -> figures of position and orientation, or the ratings."""
 
 
 def measured(*arguments: str) -> Rows:
-    """What `ik_benchmark streams` says of ours, P control and the last slope."""
+    """Output of `ik_benchmark streams` for this package, P control and the last slope."""
     ran = benchmark("streams", "--followers", SLOPE, "--json", *arguments)
     assert ran.code == 0, ran.err
     found: Rows = {}
@@ -44,26 +44,27 @@ def measured(*arguments: str) -> Rows:
 
 
 def test_the_lag_of_p_control_is_the_one_of_theory() -> None:
-    """A ramp through P control of gain k on samples held for T lags 1/k + T/2, plus transport and half a tick."""
+    """A ramp through P control of gain k on samples held for T lags by 1/k + T/2, plus transport and half a control
+    step."""
     linear, angular = measured("--only", "screw", "--made-rates", "20")["screw 20 Hz", CLEAN, P]
     expected = 1e3 * (1.0 / GAIN + 0.05 / 2.0) + 1.65 - 1.0
     assert linear["lag_ms"] == pytest.approx(expected, abs=2.0)
     assert angular["lag_ms"] == pytest.approx(expected, abs=2.0)
     assert linear["rms"] == pytest.approx(0.1 * expected, rel=0.05)
-    # one tick: the error steps by v T, the velocity by k v T
+    # one control step: the error changes by v T, the velocity by k v T
     assert linear["acceleration_peak"] == pytest.approx(GAIN * 0.1 * 0.05 / 0.002, rel=0.1)
 
 
 def test_a_screw_is_followed_without_lag_once_its_rhythm_is_known() -> None:
-    """Jitter of 0.4 periods and no stamps: the error left is a small part of the way moved in the jitter."""
+    """Jitter of 0.4 periods and no stamps: the remaining error is a small part of the motion within the jitter."""
     linear, _ = measured("--only", "screw", "--made-rates", "50")["screw 50 Hz", UNSTAMPED, OURS]
     assert linear["lag_ms"] <= 2.0
     assert linear["rms"] < 0.2 * 0.1 * 0.4 * 20.0
 
 
 def test_made_streams_are_followed_as_asked() -> None:
-    """A smooth target and one that is hard to foretell, in every kind of dirt; and the choice of predictors and the
-    rhythm are worth it: with the same reference and bounds, the last slope alone leaves more."""
+    """A smooth target and one that is hard to predict, with every kind of noise. Selection of predictors and sampling
+    clock are useful: with the same reference and bounds, the last slope alone gives larger errors."""
     found = measured("--only", "eight 20 Hz", "random walk 20 Hz", "--made-rates", "20")
     found |= measured("--only", "eight 50 Hz", "--made-rates", "50")
     found |= measured("--only", "random walk", "--made-rates", "33")
@@ -79,7 +80,7 @@ def test_made_streams_are_followed_as_asked() -> None:
 
 
 class Track(NamedTuple):
-    """What the stream's reference did at every tick."""
+    """Reference of the stream at every control step."""
 
     reference: StreamedPoses
     positions: Array
@@ -87,7 +88,7 @@ class Track(NamedTuple):
 
 
 def followed(pose: Callable[[float], Array], rate_hz: float, reference: StreamedPoses, duration_s: float) -> Track:
-    """``pose(t)`` at a rate, each sample a moment on its way."""
+    """Follow ``pose(t)`` sampled at a rate, with a transport delay of each sample."""
     reference.start(pose(0.0), 0)
     sent, positions = 0, []
     for tick in range(int(duration_s / TICK_S)):
@@ -128,7 +129,7 @@ def test_a_predictable_target_is_followed_without_latency_and_none_is_kept_when_
 
 
 def test_noise_on_fast_samples_is_averaged() -> None:
-    """0.2 mm on samples at 500 Hz: less than that is left, without lag."""
+    """0.2 mm on samples at 500 Hz: the remaining noise is smaller, without lag."""
     name = "eight 500 Hz, noise 0.2 mm"
     linear, _ = measured("--only", name, "--made-rates", "500")[name, CLEAN, OURS]
     assert linear["rms"] < 0.25
@@ -136,14 +137,14 @@ def test_noise_on_fast_samples_is_averaged() -> None:
 
 
 def step(time_s: float) -> Array:
-    """10 mm, too slow for a jump."""
+    """A step of 10 mm, too slow for a jump."""
     pose = np.eye(4)
     pose[0, 3] = 0.01 if time_s > 0.95 else 0.0
     return pose
 
 
 def test_one_small_step_out_of_rest_hardly_overshoots() -> None:
-    """A planner that sends a new goal now and then, at 10, 20 and 50 Hz."""
+    """A planner that sends a new goal at times, at 10, 20 and 50 Hz."""
     for rate_hz in (10.0, 20.0, 50.0):
         positions = followed(step, rate_hz, StreamedPoses(TargetSettings()), 3.0).positions
         assert positions[:, 0].max() < 0.011

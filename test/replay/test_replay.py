@@ -96,7 +96,7 @@ def eventful(loop: Loop) -> None:
         loop.take(controller.on_clock(loop.now))
     loop.run(0.1)
     names, q = robot.joints, loop.position
-    for part in (slice(0, 3), slice(3, None)):  # in two messages, with the joint of another device in between
+    for part in (slice(0, 3), slice(3, None)):  # in two messages, each with a joint of another device
         loop.time_ns += NS // 1000
         loop.take(
             controller.on_joint_state(JointSample(0, (*names[part], "finger"), np.append(q[part], 1.0)), loop.now)

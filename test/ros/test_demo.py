@@ -1,58 +1,136 @@
 """The main job in one command, as a user starts it: processes, DDS, recording, report.
 
-Figures are those that the README promises, with an ideal arm at 500 Hz; machines that run tests are noisy, so these
-bounds are wide against what is measured on a quiet one.
+Figures are those that the README promises, with an ideal arm at 500 Hz. They are those of the recorded run in simulated
+time: how well the machine keeps its pace has no part in them.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ros_peer import FakeArm, peer_in_own_domain
+from domains import own_domain
+from loop import Loop
+from ros_peer import CALM, FakeArm, peer_in_own_domain
 from support import shared_path
 
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.step import Mode
+from ik_node.math import se3
 from ik_node.math.se3 import pose_from
-from ik_node.messages.decode import decode_joint_state, decode_pose
+from ik_node.messages.decode import decode_joint_state
+from ik_node.messages.decode_targets import decode_pose
 from ik_node.recording.mcap.reader import Recording
 from ik_node.recording.run_reader import load_run
+from ik_node.replay.bitwise import replay
+from ik_node.replay.call_source import RecordingSource
+from ik_node.replay.text import as_text
+from ik_node.report.ground_truth import GROUND_TRUTH_FILE, GroundTruth, read_ground_truth
 from ik_node.robot import catalogue
 from ik_node.settings.groups import ArmSettings
 
-LONGEST_PERIOD_MS = 30.0
-"""Between two ticks; the usual time-out of joint states is 100."""
+PATIENT = ("--set", "state.timeout_s=10.0", "--set", "follow.enabled=false")
+"""Supervision forgives a busy machine; test_controller.py is about it."""
+PATIENCE_S = 600.0
+POSITION, TURN = slice(0, 3), slice(3, 6)
 
 
-def start(out: Path, *arguments: str) -> subprocess.Popen[str]:
-    environment = {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"}
-    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+@contextmanager
+def started(out: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    with own_domain() as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), *arguments]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE_S)
 
 
 def demo(out: Path, *arguments: str) -> tuple[dict[str, dict[str, dict[str, float]]], str]:
     """Report and printed text of a demonstration that goes to its end."""
-    process = start(out, *arguments)
-    said, _ = process.communicate(timeout=150)
+    with started(out, *PATIENT, *arguments) as process:
+        said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, said
     return json.loads((out / "report.json").read_text()), said
 
 
-def undisturbed_demo(out: Path, *arguments: str) -> tuple[Path, dict[str, dict[str, dict[str, float]]], str]:
-    """The same, once more where the machine held the processes up for so long that figures say nothing of the node."""
-    for attempt in range(3):
-        folder = out.with_name(f"{out.name}_{attempt}")
-        report, said = demo(folder, *arguments)
-        if report["ticks"]["period_max_ms"] < LONGEST_PERIOD_MS:  # type: ignore[operator]
-            break
-    return folder, report, said
+def errors_in_simulated_time(bag: Path, truth: GroundTruth) -> tuple[float, float]:
+    """Position, mm, and orientation, mrad, rms, of an arm to which the targets come when their stamps say.
+
+    Those that arrived lie on the trajectory; those that a busy machine lost are taken from it.
+    """
+    source, targets = RecordingSource(bag), load_run(bag).targets
+    frame = targets.frame_ids[0]
+    assert set(targets.frame_ids) == {frame}
+    approach = targets.stamp_ns < truth.ros_ns[0]
+    arrived = targets.stamp_ns[~approach]
+    on_the_way = truth.at(arrived)
+    assert np.abs(targets.position[~approach] - on_the_way.position).max() < 1e-4
+    turned = (targets.quaternion_xyzw[~approach] * on_the_way.quaternion).sum(axis=1)
+    assert np.abs(turned).min() > 1.0 - 1e-6
+    grid = np.arange(truth.ros_ns[0], truth.ros_ns[-1], np.diff(arrived).min())
+    stamps = [*targets.stamp_ns[approach].tolist(), *grid.tolist()]
+    wanted = truth.at(grid)
+    places = np.vstack((targets.position[approach], wanted.position))
+    quaternions = np.vstack((targets.quaternion_xyzw[approach], wanted.quaternion))
+
+    loop = Loop(source.robot(), load_run(bag).q[0], source.initial_settings)
+    loop.run(0.05)
+    later_ns = loop.now.ros_ns - stamps[0]
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
+        while sent < len(stamps) and stamps[sent] + later_ns <= loop.now.ros_ns:
+            loop.target(pose_from(places[sent], quaternions[sent]), stamps[sent] + later_ns, frame)
+            sent += 1
+
+    loop.run((stamps[-1] - stamps[0]) / NS, send)
+    ros_ns = np.array([step.now.ros_ns for step in loop.steps]) - later_ns
+    within = np.flatnonzero((ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]))
+    assert len(within) > 200
+    wanted = truth.at(ros_ns[within])
+    errors = [
+        se3.log(se3.inverse(loop.steps[row].pose_sb) @ pose_from(*pose))
+        for row, *pose in zip(within, wanted.position, wanted.quaternion, strict=True)
+    ]
+    position, orientation = (np.sqrt((np.array(errors)[:, part] ** 2).sum(axis=1).mean()) for part in (POSITION, TURN))
+    return 1e3 * float(position), 1e3 * float(orientation)
+
+
+def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
+    """The streamed targets, under the recorded settings, lead a simulated arm so near to the trajectory.
+
+    Of the run itself it is shown that every command was the controller's answer to what came, and that the arm moved.
+    Not how near it came: where a machine holds the node up for half a second, the arm goes on with a command that has
+    long been wrong, and is far away. That a node leads an arm to where it should be is shown in test_node.py, which
+    waits for it.
+    """
+    truth = read_ground_truth(out / GROUND_TRUTH_FILE)
+    position, orientation = errors_in_simulated_time(out / "bag", truth)
+    assert position < position_mm, (position, orientation)
+    assert orientation < orientation_mrad
+    source = RecordingSource(out / "bag")
+    again = replay(source)
+    assert again.passed, as_text(source, again, 1.0)
+    run = load_run(out / "bag")
+    went = np.nanmax(run.pose_sb[:, :3, 3], axis=0) - np.nanmin(run.pose_sb[:, :3, 3], axis=0)
+    assert went.max() > 0.5 * np.ptp(truth.position, axis=0).max()
+    assert np.abs(run.joint_velocity).max() > 0.1
 
 
 def assert_safe(out: Path) -> None:
@@ -64,16 +142,16 @@ def assert_safe(out: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def panda_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    out, report, said = undisturbed_demo(tmp_path_factory.mktemp("demo") / "panda")
-    settled = report["tracking"]["settled"]
-    assert settled["position_rms_mm"] < 2.0, said
-    assert settled["orientation_rms_mrad"] < 4.0, said
-    yield out
+def panda_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("demo") / "panda"
+    report, said = demo(out)
+    assert np.isfinite(report["tracking"]["settled"]["position_rms_mm"]), said
+    return out
 
 
 def test_the_default_demonstration_tracks_records_and_reports(panda_run: Path) -> None:
     assert_safe(panda_run)
+    assert_follows(panda_run, 2.0, 4.0)
     picture = (panda_run / "report.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 50_000
@@ -87,7 +165,7 @@ def test_the_recording_opens_elsewhere(panda_run: Path) -> None:
         commands = [c for c in reader.connections if c.topic == "/ik_node/commands"]
         count = sum(1 for _ in reader.messages(connections=commands))
         last = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections=commands)][-1]
-    assert count > 4500
+    assert count >= len(load_run(panda_run / "bag").times_s) > 1000
     assert not last.data.any()
     read_ros2_messages = pytest.importorskip("mcap_ros2.reader").read_ros2_messages
     file = next((panda_run / "bag").glob("*.mcap"))
@@ -96,64 +174,75 @@ def test_the_recording_opens_elsewhere(panda_run: Path) -> None:
 
 
 def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None:
-    """Its joint states and targets, published again, make a fresh node command nearly what was recorded."""
-    run = load_run(panda_run / "bag")
-    robot = catalogue.robot_from(ArmSettings(robot="panda"))
+    """Its joint states and targets, published again in their order, reach a fresh node as they were, and are answered
+    as the controller answers them."""
+    old = load_run(panda_run / "bag")
+    robot = catalogue.robot_from_settings(ArmSettings(robot="panda"))
     messages = Recording(panda_run / "bag").messages({"/joint_states", "/ik_node/target_pose"})
     with peer_in_own_domain() as peer:
-        peer.start("node", tmp_path, ["-p", "robot:=panda"])
-        arm = FakeArm(peer, robot, run.q[0].tolist())
-        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), each=arm)
-        peer.commands.clear()
-        begin_ns, begin_s = None, time.monotonic()
-        for message in messages:
-            begin_ns = message.log_time_ns if begin_ns is None else begin_ns
-            due_s = (message.log_time_ns - begin_ns) * 1e-9
-            if due_s > 4.0:
+        recording = ["-p", "recording.enabled:=true", "-p", f"recording.directory:={tmp_path / 'bag'}"]
+        peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM, *recording])
+        arm = FakeArm(peer, robot, old.q[0].tolist())
+        peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
+        begin = next(message.log_time_ns for message in messages)
+        moving_s = 4.0
+        states, targets = 0, 0
+        for message in Recording(panda_run / "bag").messages({"/joint_states", "/ik_node/target_pose"}):
+            if message.log_time_ns - begin > moving_s * NS:
                 break
-            while time.monotonic() - begin_s < due_s:
-                peer.spin(0.001)
             if message.topic == "/joint_states":
                 state = decode_joint_state(message.data)
                 peer.send_state(state.names, state.position)
+                states += 1
             else:
                 target = decode_pose(message.data)
                 peer.send_target(pose_from(target.position, target.quaternion), target.frame_id)
-        peer.spin(0.05)
-        recorded = run.joint_velocity[run.times_s < 4.0]
-        assert len(peer.commands) > 0.8 * len(recorded)
-        # Not the peaks: where the machine held one of both up, it had to catch up.
-        usual = np.percentile(np.abs(recorded), 80, axis=0)
-        again = np.percentile(np.abs(np.array(peer.commands)), 80, axis=0)
-        assert usual.max() > 0.1
-        assert np.abs(again - usual).max() < 0.2 * usual.max()
+                targets += 1
+            peer.spin(0.001)
+        assert min(states, targets) > 50
+        assert peer.processes[0].stop(signal.SIGINT, 60.0) == 0
+    new = load_run(tmp_path / "bag")
+    assert len(new.targets.position) > 0.5 * targets
+    known = {row.tobytes() for row in old.targets.position}
+    assert all(row.tobytes() in known for row in new.targets.position)
+    known = {row.tobytes() for row in old.q}
+    assert np.mean([row.tobytes() in known for row in new.q]) > 0.9
+    assert any(change.status.mode is Mode.TRACKING for change in new.status_changes)
+    assert np.abs(new.joint_velocity).max() > 0.1
+    source = RecordingSource(tmp_path / "bag")
+    again = replay(source)
+    assert again.passed, as_text(source, again, 1.0)
 
 
 def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> None:
     arguments = ("--robot", "ur5", "--target-rate", "500", "--rate", "250", "--method", "inertia_weighted")
-    out, report, said = undisturbed_demo(tmp_path / "ur5", *arguments)
-    assert report["tracking"]["settled"]["position_rms_mm"] < 1.0, said
-    assert report["tracking"]["settled"]["orientation_rms_mrad"] < 3.0, said
+    out = tmp_path / "ur5"
+    demo(out, *arguments)
+    assert_follows(out, 1.0, 3.0)
     assert_safe(out)
     run = load_run(out / "bag")
     assert (run.robot, run.settings["rate_hz"], run.settings["method"]) == ("ur5", 250.0, "inertia_weighted")
-    assert np.median(np.diff(run.times_s)) > 0.003
+    assert len(run.times_s) < 300.0 * run.times_s[-1], "joint states come at that rate too, or slower"
 
 
 def test_ctrl_c_ends_it_with_a_whole_recording_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "cut"
-    process = start(out)
-    deadline = time.monotonic() + 30
-    while not (out / "bag").exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=60)
-    assert process.returncode == 130, said
+    with started(out, *PATIENT) as process:
+        assert process.stdout is not None
+        # The first line about the motion is that of its beginning, the second one comes two seconds later.
+        said = ""
+        while not re.search(r"^ +[1-9][\d.]* / .* error ", said, re.MULTILINE):
+            line = process.stdout.readline()
+            assert line, said
+            said += line
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, said + rest
     assert (out / "report.png").exists()
     assert_safe(out)
     run = load_run(out / "bag")
-    assert 1.0 < run.times_s[-1] < 8.0
+    assert 10 < len(run.targets.times_s) < 500, "of the 501 of the whole trajectory"
+    assert np.abs(run.joint_velocity).max() > 0.01
     assert not run.joint_velocity[-1].any()
 
 
@@ -162,16 +251,29 @@ def test_an_existing_folder_and_an_unknown_trajectory_are_refused(tmp_path: Path
         ((), "exists already"),
         (("--trajectory", "spiral", "--out", str(tmp_path / "new")), "spiral"),
     ):
-        process = start(tmp_path, *arguments)
-        said, _ = process.communicate(timeout=60)
+        with started(tmp_path, *arguments) as process:
+            said, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 1
         assert words in said
         assert "Traceback" not in said
 
 
+def test_the_beginning_of_a_real_hand_s_demonstration_is_followed(tmp_path: Path) -> None:
+    """A file of poses, at its own times, after an approach to its first pose."""
+    whole = np.load(shared_path("data", "robottasks", "openbox.npy"))
+    path, out = tmp_path / "openbox.npy", tmp_path / "box"
+    np.save(path, whole[:, :200])
+    _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
+    assert_safe(out)
+    assert_follows(out, 2.0, np.inf)
+    assert "s approach to the first pose" in said
+
+
+@pytest.mark.exhaustive
 def test_a_singular_demonstration_of_a_real_hand_stays_within_its_limits(tmp_path: Path) -> None:
     path = shared_path("data", "robottasks", "openbox.npy")
-    report, said = demo(tmp_path / "box", "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
-    assert_safe(tmp_path / "box")
-    assert report["tracking"]["settled"]["position_rms_mm"] < 2.0, said
+    out = tmp_path / "box"
+    _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
+    assert_safe(out)
+    assert_follows(out, 2.0, np.inf)
     assert "lost there" in said, "passes a singularity, and says what it cost"

@@ -118,7 +118,7 @@ def test_a_run_is_exported_as_a_table(run: tuple[Path, Loop], tmp_path: Path) ->
     assert len(rows) == len(loop.steps) == len(document["columns"]["tick"])
     assert document["joints"] == list(loaded.joints)
     for index, joint in enumerate(loaded.joints):
-        name = f"command.{joint}_rad_s_m_s"
+        name = f"joint_velocity.{joint}_rad_s_m_s"
         assert [float(row[name]) for row in rows] == loaded.joint_velocity[:, index].tolist()
         assert document["columns"][name] == loaded.joint_velocity[:, index].tolist()
     assert [float(row["pose_sb.x_m"]) for row in rows] == loaded.pose_sb[:, 0, 3].tolist()
@@ -235,7 +235,7 @@ def test_other_names_are_remapped(run: tuple[Path, Loop], tmp_path: Path) -> Non
     loop = run[1]
     state = encode.encode_joint_state(loop.robot.joints, 0, np.array(READY["panda"]))
     path = write_foreign(tmp_path / "bag", {"/arm/state": (STATE, [state] * 50), "/goal": (POSE, poses(loop))})
-    with pytest.raises(RecordingError, match=r"nothing that the controller takes.*/goal \(geometry_msgs"):
+    with pytest.raises(RecordingError, match=r"no input of the controller.*/goal \(geometry_msgs"):
         ExternalBag(path, SETTINGS)
     bag = ExternalBag(path, SETTINGS, {"/arm/state": "joint_states", "/goal": "target_pose"})
     assert bag.used == {"/arm/state": ("joint_states", 50), "/goal": ("target_pose", 100)}
@@ -247,7 +247,7 @@ def test_other_names_are_remapped(run: tuple[Path, Loop], tmp_path: Path) -> Non
 
 def test_targets_alone_need_a_start(run: tuple[Path, Loop], tmp_path: Path) -> None:
     path = write_foreign(tmp_path / "bag", {"/x/target_pose": (POSE, poses(run[1]))})
-    with pytest.raises(RecordingError, match=r"holds no joint states; say where the arm starts.*panda_joint1"):
+    with pytest.raises(RecordingError, match=r"holds no joint states; give the initial positions of panda_joint1"):
         ExternalBag(path, SETTINGS)
     bag = ExternalBag(path, SETTINGS.with_values({"rate_hz": 100.0}), start=READY["panda"])
     found = metrics_of(bag, RECORDED, simulate(bag, {}), ground_truth_from_targets(bag.targets(), bag.base_frame))
@@ -289,8 +289,8 @@ def test_a_rosbag1_is_input_too(run: tuple[Path, Loop], tmp_path: Path) -> None:
     ("remap", "reason"),
     [
         ({"/nowhere": "target_pose"}, r"has no topic /nowhere; it holds: /joint_states"),
-        ({"/joint_states": "target_pose"}, r"is of sensor_msgs/msg/JointState; target_pose takes geometry_msgs"),
-        ({"/joint_states": "goal"}, r"no input 'goal'; valid: joint_states, target_pose"),
+        ({"/joint_states": "target_pose"}, r"has type sensor_msgs/msg/JointState; target_pose takes geometry_msgs"),
+        ({"/joint_states": "goal"}, r"unknown input 'goal'; valid: joint_states, target_pose"),
     ],
 )
 def test_a_remapping_that_cannot_be_is_refused(

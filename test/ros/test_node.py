@@ -134,7 +134,7 @@ def test_a_bad_target_is_refused_and_the_next_good_one_taken(peer: Peer, tmp_pat
 def test_a_signal_ramps_to_zero_and_leaves_a_whole_recording(peer: Peer, tmp_path: Path, number: int) -> None:
     bag = tmp_path / "bag"
     recording = ["-p", "recording.enabled:=true", "-p", f"recording.directory:={bag}"]
-    arm = moving(peer, tmp_path, [*recording, "-p", "limits.acceleration:=[0.5]"])
+    arm = moving(peer, tmp_path, [*recording, "-p", "limits.acceleration:=[0.5]", "-p", "rate_hz:=200.0"])
     before = len(peer.commands)
     assert peer.processes[0].stop(number, 60.0) == 0
     peer.until("the last zeros", lambda: not peer.commands[-1].any(), arm)
@@ -308,7 +308,7 @@ def test_paths_twists_and_obstacles_arrive_as_messages(peer: Peer, tmp_path: Pat
     height = arm.pose()[2, 3]
     peer.until("jogging", lambda: "jogging by target_twist" in peer.reason, jog)
     peer.until("motion", lambda: bool(arm.pose()[2, 3] > height + 0.03), jog)
-    peer.until("rest", lambda: "no target_twist any more" in peer.reason, arm)
+    peer.until("rest", lambda: "target_twist has ended" in peer.reason, arm)
 
     marker = Marker()
     marker.header.frame_id = "nowhere"

@@ -6,6 +6,11 @@ from typing import NamedTuple
 
 from ik_node.math.types import Array
 
+MAX_POSES = 2000
+"""Poses of a path or points of a trajectory; longer ones are refused. Decoding and preparing them takes about 30 ms."""
+FARTHEST_M = 100.0
+"""Positions and sizes above this are refused: no arm reaches so far, and numbers of 1e160 overflow when squared."""
+
 
 class JointSample(NamedTuple):
     """Measured joint positions."""

@@ -17,9 +17,10 @@ from ik_node.errors import RobotError
 from ik_node.jit import compiled
 from ik_node.math.angles import joint_differences
 from ik_node.math.types import Array
+from ik_node.robot.description import read_description
 from ik_node.robot.joint_limits import urdf_limits
 from ik_node.robot.kinematics import Dynamics, JointLimits, Kinematics
-from ik_node.robot.mimic import master_range, mimic_map, read_mimics
+from ik_node.robot.mimic import master_range, mimic_map
 from ik_node.robot.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
 
 GRAVITY = 9.81
@@ -49,12 +50,14 @@ class Robot:
             UnknownNameError: A frame or joint does not exist; lists the valid names.
             RobotError: The URDF is invalid, there is no joint to control, or controlled joints move the base.
         """
-        full = read(urdf)
+        self.description = read_description(urdf)
+        """Checked description; :attr:`urdf` is the text as it was given."""
+        full = read(self.description)
         self.base_frame = base_frame or root_frame(full)
         frame_id(full, self.base_frame)
         self.tip_frame = tip_frame or longest_chain_tip(full)
         wanted = tuple(strip(name, joint_prefix) for name in joints)
-        mimics = read_mimics(urdf)
+        mimics = self.description.mimics
         model_joints = select(full, self.base_frame, self.tip_frame, wanted, mimics)
         names = list(full.names)[1:]
         self._followers = {

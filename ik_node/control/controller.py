@@ -13,6 +13,7 @@ pause, deactivation, a signal                     ramp to zero within the accele
 no subscriber on the command topic                the same ramp; continues with the next subscriber
 joint states too slow, or not followed            the same ramp; continues when the cause is gone
 joint states stale or not finite                  zero velocity at once; continues from the measured position
+joint states not possible, or contradictory       ignored; zero velocity at once if that lasts
 an exception or a non-finite result               zero velocity at once; stays stopped until reset
 ================================================  =============================================================
 """
@@ -29,13 +30,14 @@ from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
-from ik_node.control.status import REACH, StatusSnapshot
+from ik_node.control.status import StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
+from ik_node.differential_ik.posture import check_posture
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
-from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
+from ik_node.interfaces.samples import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
 from ik_node.math.types import Array
@@ -44,7 +46,7 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, twist_frame
 
 MAX_TARGET_AHEAD_S = 0.5
 """Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
@@ -78,7 +80,7 @@ class Controller:
         self.states_refused = 0
         """Number of refused joint states."""
         self._velocity_controller = VelocityController(robot, settings)
-        self._joint_states = JointStateMerger(robot.joints, settings.state)
+        self._joint_states = JointStateMerger(robot, settings)
         self._targets = TargetArbiter(settings, robot)
         self._frames = Frames(robot)
         self._state_machine = StateMachine()
@@ -109,7 +111,7 @@ class Controller:
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
-    def on_joint_state(self, sample: inputs.JointSample, now: Instant) -> Step | None:
+    def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
         """Adds a joint state and makes a control step if one is due.
 
         Returns:
@@ -120,6 +122,10 @@ class Controller:
         except StateRefused as error:
             self.states_refused += 1
             return self._stop(now, Level.ERROR, f"joint state refused: {error}")
+        if self._joint_states.warning:
+            self._status.set_condition(self._joint_states.warning, True, now)
+        if self._joint_states.settled and self._state_machine.moving:
+            return self._stop(now, Level.ERROR, self._joint_states.settled)
         if state is None or not self._timer.is_due(state.time_ns):
             return None
         try:
@@ -128,11 +134,10 @@ class Controller:
             reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
             return self._fault(now, reason)
 
-    def on_target_pose(self, sample: inputs.PoseSample, now: Instant) -> None:
+    def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
         """Adds a pose of the target stream."""
         with self._refusals():
             pose_sd = self._frames.pose_of(sample, "target")
-            check_distance(pose_sd)
         max_age_ns, max_ahead_ns = round(MAX_STAMP_AGE_S * NS), round(MAX_TARGET_AHEAD_S * NS)
         stamped = to_monotonic(sample.stamp_ns, now, max_age_ns, max_ahead_ns)
         condition = "target stamps disagree with this clock; the time of arrival is used"
@@ -140,25 +145,25 @@ class Controller:
         if self._state_machine.closed_loop:
             self._targets.on_pose(pose_sd, stamped)
 
-    def on_target_path(self, sample: inputs.PathSample, now: Instant) -> None:
+    def on_target_path(self, sample: PathSample, now: Instant) -> None:
         """Starts to follow a path; TargetRefused names the invalid pose."""
         with self._refusals():
             self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
 
-    def on_target_trajectory(self, sample: inputs.TrajectorySample, now: Instant) -> None:
+    def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
         """Starts to follow a trajectory of poses and twists; TargetRefused names the invalid point."""
         with self._refusals():
             self._ready()
             self._targets.on_trajectory(sample, self._frames.pose, now)
 
-    def on_target_twist(self, sample: inputs.TwistSample, now: Instant) -> None:
+    def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
         """Jogs the tool with a twist."""
         with self._refusals():
             self._ready()
             frame = twist_frame(self.robot, self._frames, sample.frame_id)
             self._targets.on_twist(sample, frame, now)
 
-    def on_obstacles(self, samples: tuple[inputs.ObstacleSample, ...], now: Instant) -> None:
+    def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
         """Adds, changes and deletes obstacles; raises SceneError naming those that cannot be used."""
         max_age_ns = round(MAX_STAMP_AGE_S * NS)
         errors = self.collision_monitor.update_obstacles(samples, self._frames, now, max_age_ns)
@@ -192,12 +197,14 @@ class Controller:
         """
         overdue = now.monotonic_ns - self._last_step_ns >= 2.0 * self._timer.period_s * NS
         if self._state_machine.ramp is not None and overdue:
-            return self._bare_step(now, self._state_machine.ramp_velocity(now))
+            return self._ramp_step(now)
         if self._state_machine.closed_loop and self._joint_states.is_stale(now):
-            return self._stop(now, Level.ERROR, f"no joint state for {self._joint_states.timeout_s:g} s")
+            return self._stop(now, Level.ERROR, self._joint_states.stale_reason())
         if self.status.mode is Mode.WAITING and self._joint_states.missing():
             missing = ", ".join(self._joint_states.missing())
             self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
+        if self.status.mode is Mode.WAITING and self._joint_states.rejected(now):
+            self._status.set(Status(Level.ERROR, Mode.WAITING, self._joint_states.stale_reason()))
         return None
 
     # --- requests ----------------------------------------------------------------------------------------------------
@@ -221,12 +228,16 @@ class Controller:
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when settings do not match the robot; changes nothing."""
         motion_limits(self.robot, settings.limits, settings.control.rate_hz)
+        check_posture(self.robot, settings.obstacles)
 
     def apply(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""
-        self._velocity_controller.configure(settings)
+        law = self._velocity_controller
+        law.configure(settings)
+        self._status.note("limits", law.slowing())
+        self._state_machine.change_ramp(law.velocity, law.solver.limits.acceleration, law.commanded_ns)
         self.settings = settings
-        self._joint_states.configure(settings.state)
+        self._joint_states.configure(settings)
         self._targets.configure(settings)
         self._following_error.configure(settings.follow)
 
@@ -270,7 +281,7 @@ class Controller:
         self._frames.position = state.position
         self._last_step_ns = now.monotonic_ns
         if self._state_machine.ramp is not None:
-            return self._bare_step(now, self._state_machine.ramp_velocity(now))
+            return self._ramp_step(now)
         return self._track(state, now) if self._may_move(state, now) else None
 
     def _may_move(self, state: JointState, now: Instant) -> bool:
@@ -315,11 +326,11 @@ class Controller:
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)
 
     def _report(self, now: Instant, output: ControlOutput) -> None:
+        self._status.note("limits")
         conditions = self._velocity_controller.conditions(output)
         if self._joint_states.skew_ns != 0:
             conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
         conditions.extend(self._targets.warnings)
-        self._status.note(REACH, self._targets.out_of_reach)
         self._status.set_conditions(conditions, now)
         ended = self._targets.ended
         mode = Mode.HOLDING if ended else Mode.TRACKING
@@ -360,6 +371,11 @@ class Controller:
     def _fault(self, now: Instant, reason: str) -> Step:
         self._state_machine.fault(reason)
         return self._bare_step(now, np.zeros(self.robot.n))
+
+    def _ramp_step(self, now: Instant) -> Step:
+        self._status.note("limits", self._velocity_controller.slowing())
+        velocity = self._velocity_controller.slowed(self._state_machine.ramp_velocity(now), now)
+        return self._bare_step(now, velocity)
 
     def _bare_step(self, now: Instant, velocity: Array) -> Step:
         """Step that commands ``velocity`` (n,) without a control law."""

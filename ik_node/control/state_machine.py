@@ -74,6 +74,11 @@ class StateMachine:
         else:
             self.reporter.set(idle_status)
 
+    def change_ramp(self, velocity: Array, acceleration: Array, commanded_ns: int) -> None:
+        """Continues a ramp with other acceleration limits (n,), from the last command (n,) and its monotonic time."""
+        if self.ramp is not None:  # the same straight line when the acceleration limits are the same
+            self.ramp = ramp_to_zero(velocity, acceleration, commanded_ns)
+
     def ramp_velocity(self, now: Instant) -> Array:
         """Joint velocity of the ramp at the present time, (n,), rad/s (m/s); (0,) when there is no ramp."""
         if self.ramp is None:

@@ -30,14 +30,14 @@ from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
-from ik_node.control.status import StatusSnapshot
+from ik_node.control.status import REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
 from ik_node.differential_ik.posture import check_posture
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
+from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
-from ik_node.interfaces.samples import JointSample, ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
 from ik_node.math.types import Array
@@ -46,7 +46,7 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
 
 MAX_TARGET_AHEAD_S = 0.5
 """Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
@@ -111,7 +111,7 @@ class Controller:
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
-    def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
+    def on_joint_state(self, sample: inputs.JointSample, now: Instant) -> Step | None:
         """Adds a joint state and makes a control step if one is due.
 
         Returns:
@@ -134,10 +134,11 @@ class Controller:
             reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
             return self._fault(now, reason)
 
-    def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
+    def on_target_pose(self, sample: inputs.PoseSample, now: Instant) -> None:
         """Adds a pose of the target stream."""
         with self._refusals():
             pose_sd = self._frames.pose_of(sample, "target")
+            check_distance(pose_sd)
         max_age_ns, max_ahead_ns = round(MAX_STAMP_AGE_S * NS), round(MAX_TARGET_AHEAD_S * NS)
         stamped = to_monotonic(sample.stamp_ns, now, max_age_ns, max_ahead_ns)
         condition = "target stamps disagree with this clock; the time of arrival is used"
@@ -145,25 +146,25 @@ class Controller:
         if self._state_machine.closed_loop:
             self._targets.on_pose(pose_sd, stamped)
 
-    def on_target_path(self, sample: PathSample, now: Instant) -> None:
+    def on_target_path(self, sample: inputs.PathSample, now: Instant) -> None:
         """Starts to follow a path; TargetRefused names the invalid pose."""
         with self._refusals():
             self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
 
-    def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
+    def on_target_trajectory(self, sample: inputs.TrajectorySample, now: Instant) -> None:
         """Starts to follow a trajectory of poses and twists; TargetRefused names the invalid point."""
         with self._refusals():
             self._ready()
             self._targets.on_trajectory(sample, self._frames.pose, now)
 
-    def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
+    def on_target_twist(self, sample: inputs.TwistSample, now: Instant) -> None:
         """Jogs the tool with a twist."""
         with self._refusals():
             self._ready()
             frame = twist_frame(self.robot, self._frames, sample.frame_id)
             self._targets.on_twist(sample, frame, now)
 
-    def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
+    def on_obstacles(self, samples: tuple[inputs.ObstacleSample, ...], now: Instant) -> None:
         """Adds, changes and deletes obstacles; raises SceneError naming those that cannot be used."""
         max_age_ns = round(MAX_STAMP_AGE_S * NS)
         errors = self.collision_monitor.update_obstacles(samples, self._frames, now, max_age_ns)
@@ -331,6 +332,7 @@ class Controller:
         if self._joint_states.skew_ns != 0:
             conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
         conditions.extend(self._targets.warnings)
+        self._status.note(REACH, self._targets.out_of_reach)
         self._status.set_conditions(conditions, now)
         ended = self._targets.ended
         mode = Mode.HOLDING if ended else Mode.TRACKING

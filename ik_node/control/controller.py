@@ -178,6 +178,12 @@ class Controller:
         with self._refusals():
             self._frames.set_transform(transform)
 
+    def on_input_note(self, text: str, now: Instant) -> None:
+        """Sets the note on an input that is not used. ``text``: its name, a space, and the note; no note ends it."""
+        del now
+        name, _, note = text.partition(" ")
+        self._status.note(f"input {name}", note)
+
     def on_publishers(self, conflict: str, now: Instant) -> None:
         """Sets the text that names the target topics with several publishers; empty for none."""
         del now

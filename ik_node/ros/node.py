@@ -27,6 +27,7 @@ from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.ros import parameters, qos
+from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
@@ -61,6 +62,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._publisher_conflict = ""
         self._transforms = Transforms(self)
         self._inputs: list[Any] = []
+        self._input_notes: dict[str, str] = {}
+        self._queue = InputQueue(lambda kind, data: self._on_input(kind, INPUTS[kind], data, self._now()))
         self._publisher = StepPublisher(self)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -157,6 +160,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._inputs = []
+        self._input_notes = {}
+        self._queue.clear()
         self._recorder.close()
         self._publisher.delete_markers(self._now())
         self._calls = None
@@ -182,8 +187,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         entry = INPUTS[kind]
 
         def on_bytes(data: bytes) -> None:
-            if self._active:
+            if self._active and entry.streamed:
                 self._on_input(kind, entry, data, self._now())
+            elif self._active:
+                self._queue.put(kind, data)
 
         profile = qos.STREAM if entry.streamed else qos.OUTPUT
         return self.create_subscription(message_class(entry.type_name), entry.topic, on_bytes, profile, raw=True)
@@ -194,14 +201,24 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         try:
             sample = entry.decode(data)
         except InputError as error:
-            self.get_logger().warning(f"{entry.name} dropped: {error}", throttle_duration_sec=1.0)
+            self._note_input(entry.name, f"{entry.name} refused: {error}", now)
             return
+        self._note_input(entry.name, "", now)
         self._look_up_frames(sample, now)
         try:
             self._calls.call(kind, now, sample, data)
         except IkNodeError as error:
             self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
         self._publish_status()
+
+    def _note_input(self, name: str, note: str, now: Instant) -> None:
+        """Report in log and status why an input is not used; an empty note ends the report."""
+        if note:
+            self.get_logger().warning(note, throttle_duration_sec=1.0)
+        if self._calls is not None and note != self._input_notes.get(name, ""):
+            self._input_notes[name] = note
+            self._calls.call(CallKind.ON_INPUT_NOTE, now, f"{name} {note}")
+            self._publish_status()
 
     def _look_up_frames(self, sample: object, now: Instant) -> None:
         """Pass poses from tf to the controller, of frames of a sample that are not in the robot model."""
@@ -227,11 +244,16 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
                 self._calls.call(CallKind.ON_LISTENERS, now, self._command_subscribers)
             self._calls.call(CallKind.ON_CLOCK, now)
             self._publish_status()
+            self._queue.run()
 
     def _on_second(self) -> None:
         if self._calls is not None:
             now = self._now()
             self._check_publishers(self._calls, now)
+            skipped = self._queue.take_skipped()
+            for kind, entry in INPUTS.items():
+                note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
+                self._note_input(f"{entry.name}.rate", note, now)
             status = self._recorder.with_warning(self._calls.controller.status)
             self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
 

@@ -35,6 +35,7 @@ from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
 from ik_node.differential_ik.posture import check_posture
+from ik_node.differential_ik.methods import check_masses
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
@@ -234,6 +235,7 @@ class Controller:
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when settings do not match the robot; changes nothing."""
+        check_masses(settings.control.method, self.robot)
         motion_limits(self.robot, settings.limits, settings.control.rate_hz)
         check_posture(self.robot, settings.obstacles)
 

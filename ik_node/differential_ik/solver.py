@@ -17,7 +17,7 @@ from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
-from ik_node.differential_ik.methods import METHODS
+from ik_node.differential_ik.methods import METHODS, check_masses
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
@@ -77,8 +77,10 @@ class DifferentialIkSolver:
         """Replaces the settings.
 
         Raises:
-            SettingsError: The limits do not fit the robot; nothing has changed then.
+            SettingsError: The limits do not fit the robot, or the method needs masses that it does not have; nothing
+                has changed then.
         """
+        check_masses(settings.control.method, self._robot)
         limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         check_posture(self._robot, settings.obstacles)
         self.limits = limits

@@ -18,7 +18,7 @@ from ik_node.jit import compiled
 from ik_node.math.angles import joint_differences
 from ik_node.math.types import Array
 from ik_node.robot.description import read_description
-from ik_node.robot.joint_limits import urdf_limits
+from ik_node.robot.joint_limits import limit_faults, urdf_limits
 from ik_node.robot.kinematics import Dynamics, JointLimits, Kinematics
 from ik_node.robot.mimic import master_range, mimic_map
 from ik_node.robot.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
@@ -103,6 +103,10 @@ class Robot:
         self._pose_base_root = np.ascontiguousarray(self.data.oMf[self._base_id].inverse().homogeneous)
         self._base_is_root = bool((self._pose_base_root == np.eye(4)).all())
         self.limits = self._read_limits()
+        records = self.description.joints
+        controlled = {name: records[model] for name, model in zip(self.joints, model_joints, strict=True)}
+        self.limit_faults = limit_faults(controlled)
+        """Limits of the URDF that cannot be meant; infinite in :attr:`limits`."""
 
     @property
     def n(self) -> int:
@@ -248,6 +252,12 @@ class Robot:
         """(m,), bool: which moving joints (see :meth:`motion`) move the bodies attached to joint ``parent``."""
         supports = {self.model.names[index] for index in self.model.supports[parent]}
         return np.array([name in supports for name in self._moving_joints])
+
+    def moved_links(self, joint: int) -> tuple[str, ...]:
+        """Names of the links that the controlled joint of index ``joint`` moves."""
+        model, number = self.model, self.model.getJointId(self._model_joints[joint])
+        bodies = (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
+        return tuple(frame.name for frame in bodies if number in list(model.supports[frame.parentJoint]))
 
     @property
     def strokes(self) -> Array:

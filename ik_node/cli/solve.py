@@ -126,6 +126,8 @@ def _robot(options: argparse.Namespace) -> int:
     from ik_node.math.numerics import checked_vector
 
     robot = _load(options)
+    for fault in robot.limit_faults:
+        print(f"warning: {fault.text}; taken as none", file=sys.stderr)
     pose_sd = _target(options.target)
     seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
     eps_omega, eps_v = _tolerances(options, 1e-6, 1e-6)

@@ -210,6 +210,10 @@ class VelocityController:
             found.append("inverse kinematics found no solution near the last one")
         if self._slowing:
             found.append(self._slowing)
+        unlimited = np.isinf(solver.limits.velocity)
+        if unlimited.any():
+            names = ", ".join(name for name, value in zip(self._robot.joints, unlimited, strict=True) if value)
+            found.append(f"no velocity limit in the URDF or limits.velocity: {names}")
         if solver.without_effect:
             found.append(solver.without_effect)
         if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:

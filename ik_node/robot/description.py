@@ -99,7 +99,9 @@ def read_description(urdf: str) -> Description:
         mimics = read_mimics({name: tag.attrib for name, tag in tags.items() if tag is not None})
     except RobotError as error:
         raise RobotError(f"robot_description is not a valid URDF: {error}") from error
+    _without_negative_limits(root)
     masses = {name: _mass(element) for name, element in links.items()}
+    _drop_negative_limits(root)
     return Description(ElementTree.tostring(root, encoding="unicode"), joints, masses, mimics)
 
 
@@ -231,6 +233,17 @@ def _check_numbers(owner: str, element: ElementTree.Element) -> None:
                     raise RobotError(f"{owner} has {attribute} '{text}' in <{part.tag}>; expected {allowed}")
 
 
+def _without_negative_limits(root: ElementTree.Element) -> None:
+    """Sets negative velocity and effort limits to 0: Pinocchio refuses a model with them, without naming the joint.
+
+    Efforts are not used; :func:`ik_node.robot.joint_limits.limit_faults` names velocities of 0 or less.
+    """
+    for limit in root.iterfind("joint/limit"):
+        for attribute in ("velocity", "effort"):
+            if any(number < 0.0 for number in _numbers(limit.get(attribute, ""))):
+                limit.set(attribute, "0")
+
+
 def _numbers(text: str) -> list[float]:
     """The numbers in a text; words that are none are left to urdfdom."""
     numbers = []
@@ -252,6 +265,17 @@ def _check_axis(joint: JointRecord, element: ElementTree.Element) -> None:
     numbers = _numbers(text)
     if len(numbers) == 3 and math.hypot(*numbers) < MIN_AXIS:
         raise RobotError(f"joint '{joint.name}' has the axis '{text}'; expected a direction, not zero")
+
+
+def _drop_negative_limits(root: ElementTree.Element) -> None:
+    """Sets negative efforts and velocities to 0: Pinocchio refuses them without a name.
+
+    Efforts are not used; velocities are judged by the records (:func:`ik_node.robot.joint_limits.limit_faults`).
+    """
+    for limit in root.findall("joint/limit"):
+        for attribute in ("effort", "velocity"):
+            if any(number < 0.0 for number in _numbers(limit.get(attribute, ""))):
+                limit.set(attribute, "0")
 
 
 def _mass(element: ElementTree.Element) -> float:

@@ -103,9 +103,9 @@ class Robot:
         self._pose_base_root = np.ascontiguousarray(self.data.oMf[self._base_id].inverse().homogeneous)
         self._base_is_root = bool((self._pose_base_root == np.eye(4)).all())
         self.limits = self._read_limits()
-        records = self.description.joints
-        controlled = {name: records[model] for name, model in zip(self.joints, model_joints, strict=True)}
-        self.limit_faults = limit_faults(controlled)
+        self.limit_faults = limit_faults(
+            {name: self.description.joints[model] for name, model in zip(self.joints, model_joints, strict=True)}
+        )
         """Limits of the URDF that cannot be meant; infinite in :attr:`limits`."""
 
     @property

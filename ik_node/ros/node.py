@@ -20,6 +20,7 @@ from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.samples import frames_of
+from ik_node.interfaces.step import Status
 from ik_node.jit import is_cold
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
@@ -39,6 +40,7 @@ TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.sta
 CLOCK_PERIOD_S = 0.01
 """Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
+OTHER_DESCRIPTION = "another robot_description was published; it is ignored until the node is configured again"
 MAX_RAMP_S = 5.0
 """Longest ramp to zero at the end of the process."""
 
@@ -55,6 +57,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         about = ParameterDescriptor(description="Configure and activate without a request.", read_only=True)
         self._autostart = bool(self.declare_parameter("autostart", True, about).value)
         self._robot_description = ""
+        self._other_description = ""
+        self._configured_with = ""
         self._calls: RecordedController | None = None
         self._recorder = NodeRecorder(self)
         self._active = False
@@ -86,16 +90,19 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             robot = robot_from_settings(settings.arm, self._robot_description)
             controller = Controller(robot, settings)
             self._calls = RecordedController(controller, self._publisher.publish_step)
+            arm = settings.arm
+            self._configured_with = "" if arm.robot or arm.robot_description else self._robot_description
+            self._check_description(robot, self._configured_with)
             self._warm_up(robot, settings)
             self._publisher.configure(robot, settings)
         except IkNodeError as error:
             self.get_logger().error(f"not configured: {error}")
             self._calls = None
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would change to the error state without a message
+        except Exception:  # rclpy would change to the error state, without a message
             self.get_logger().error(f"not configured: {traceback.format_exc()}")
             self._calls = None
-            return TransitionCallbackReturn.ERROR
+            return TransitionCallbackReturn.FAILURE  # the error state would end the node
         if settings.recording.enabled:
             try:
                 self._start_recording()
@@ -234,7 +241,18 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_description(self, message: String) -> None:
         self._robot_description = message.data
-        self._autostarted()
+        if self._calls is None:
+            self._autostarted()
+        else:
+            self._check_description(self._calls.controller.robot, self._configured_with)
+            self._publish_status()
+
+    def _check_description(self, robot: Robot, configured_with: str) -> None:
+        """Warn, in log and status, when the topic has a description other than that of the robot in use."""
+        other = self._robot_description not in ("", robot.urdf, configured_with)
+        self._other_description = OTHER_DESCRIPTION if other else ""
+        if other:
+            self.get_logger().warning(OTHER_DESCRIPTION)
 
     def _on_clock(self) -> None:
         if self._calls is not None and self._active:
@@ -254,7 +272,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             for kind, entry in INPUTS.items():
                 note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
                 self._note_input(f"{entry.name}.rate", note, now)
-            status = self._recorder.with_warning(self._calls.controller.status)
+            status = self._status(self._calls)
             self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
@@ -312,9 +330,12 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     # --- outputs -----------------------------------------------------------------------------------------------------
 
+    def _status(self, calls: RecordedController) -> Status:
+        return self._recorder.with_warning(calls.controller.status).with_warning(self._other_description)
+
     def _publish_status(self) -> None:
         if self._calls is not None:
-            message = self._publisher.publish_status(self._recorder.with_warning(self._calls.controller.status))
+            message = self._publisher.publish_status(self._status(self._calls))
             if message is not None:
                 self._recorder.record(message, self._now())
 

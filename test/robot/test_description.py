@@ -163,6 +163,12 @@ def test_the_joint_records_are_those_of_the_file() -> None:
     assert found.masses == {"base": 0.0, **{f"link{i}": 1.0 for i in range(1, 7)}, "tool": 0.0}
 
 
+def test_a_negative_effort_does_not_matter() -> None:
+    found = read_description(arm().replace('effort="9"', 'effort="-1"', 1))
+    assert found.joints["joint1"].limit == {"lower": "-2", "upper": "2", "velocity": "2", "effort": "-1"}
+    assert Robot(arm().replace('effort="9"', 'effort="-1"', 1), tip_frame="tool").n == 6
+
+
 # --- mutations ---
 
 VALUES = ("nan", "inf", "-inf", "1e308", "-1e308", "1e-308", "0", "-1", "0 0 0", "1e9 1e9 1e9", "", "x", "0 0",

@@ -8,26 +8,29 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
+from ik_node.control.joint_states import CONTRADICTION
 from ik_node.control.warm_up import warm_up
-from ik_node.errors import IkNodeError, InputError, RecordingError
+from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.samples import frames_of
-from ik_node.interfaces.step import Status
+from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.jit import is_cold
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
-from ik_node.ros import parameters, qos
+from ik_node.ros import parameters, qos, start_arguments
 from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
@@ -37,6 +40,7 @@ from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
 """Topics that may have one publisher only."""
+JOINT_STATES = INPUTS[CallKind.ON_JOINT_STATE].topic
 CLOCK_PERIOD_S = 0.01
 """Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
@@ -51,11 +55,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     It configures and activates itself unless the parameter ``autostart`` is false.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
-        parameters.declare(self)
-        about = ParameterDescriptor(description="Configure and activate without a request.", read_only=True)
-        self._autostart = bool(self.declare_parameter("autostart", True, about).value)
+        for line in start_arguments.unused_files(arguments, self.get_fully_qualified_name()):
+            self.get_logger().warning(line)
+        self._autostart = parameters.declare(self)
         self._robot_description = ""
         self._other_description = ""
         self._configured_with = ""
@@ -111,6 +115,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._inputs = [self._subscribe(kind) for kind in INPUTS]
         joints = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {joints}")
+        if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
+            used = f"'{robot.tip_frame}', the end of the longest chain, is used, and its last joint is '{robot.joints[-1]}'"
+            self.get_logger().warning(f"tip_frame is not set: {used}")
         self.get_logger().info(controller.collision_monitor.pairs)
         return TransitionCallbackReturn.SUCCESS
 
@@ -158,6 +165,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """Configure and activate once a robot is known; return False when that failed."""
         arm = parameters.read(self).arm
         is_known = bool(arm.robot or arm.robot_description or self._robot_description)
+        if self._autostart and not is_known:
+            waiting = f"waiting for robot_description on {self.resolve_topic_name('robot_description')}"
+            self.get_logger().info(waiting)
+            self._publisher.publish_status(Status(Level.OK, Mode.WAITING, waiting))
         if not (self._autostart and is_known and self._calls is None):
             return True
         is_configured = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
@@ -276,9 +287,16 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
-        """Report target topics with several publishers; several drivers may publish joint states."""
+        """Report target topics with several publishers.
+
+        Several drivers may publish joint states; they are reported only if their positions contradict each other.
+        """
         counts = {topic: self.count_publishers(self.resolve_topic_name(topic)) for topic in TARGET_TOPICS}
         conflict = ", ".join(f"{count} publishers on {topic[2:]}" for topic, count in counts.items() if count > 1)
+        count = self.count_publishers(self.resolve_topic_name(JOINT_STATES))
+        if count > 1 and CONTRADICTION in calls.controller.status.reason:
+            text = f"{count} publishers on {JOINT_STATES} contradict each other"
+            conflict = f"{conflict}, {text}" if conflict else text
         if conflict != self._publisher_conflict:
             self._publisher_conflict = conflict
             calls.call(CallKind.ON_PUBLISHERS, now, conflict)
@@ -347,6 +365,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return self._recorder.start(self._calls, self._publisher.topics | inputs, self._now())
 
     # --- settings ----------------------------------------------------------------------------------------------------
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Change parameters; whole numbers are taken for doubles, and every refusal names the parameter."""
+        try:
+            return super().set_parameters_atomically(parameters.checked_changes(parameter_list))
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
 
     def _settings(self) -> Settings:
         return parameters.read(self) if self._calls is None else self._calls.controller.settings

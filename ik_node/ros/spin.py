@@ -16,16 +16,18 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, SettingsError
+from ik_node.ros import start_arguments
 from ik_node.ros.child_process import end_with_parent_if_requested
 
 SIGNAL_POLL_S = 0.05
 """Longest time until Python handles a signal while no callback runs."""
 SPIN_TIMEOUT_S = 1e6
 """Replaces an infinite timeout."""
+UNUSABLE = 2
+"""Exit code when ROS cannot read the arguments."""
 
 
 def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], arguments: Sequence[str] | None) -> int:
@@ -37,10 +39,15 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
         arguments: Arguments for rclpy, without the program's name; None takes those of the process.
 
     Returns:
-        Exit code of the process: 0, or 1 when ``make_node`` raised an IkNodeError, which is printed.
+        Exit code of the process: 0, or 1 when ``make_node`` raised an IkNodeError, which is printed;
+        2 when ROS cannot read the arguments.
     """
     end_with_parent_if_requested()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        start_arguments.initialise(arguments)
+    except SettingsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
     stopped = Future()
 
     def on_signal(number: int, frame: FrameType | None) -> None:

@@ -355,7 +355,8 @@ class Settings:
         changed: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             group, entry = places[name]
-            about = Descriptor(name=name, default=entry.default, **entry.metadata)
+            default: Any = entry.default
+            about = Descriptor(name=name, default=default, **entry.metadata)
             changed.setdefault(_attribute(group), {})[entry.name] = converted(value, about)
         groups = {attribute: dataclasses.replace(getattr(self, attribute), **new) for attribute, new in changed.items()}
         return dataclasses.replace(self, **groups)

@@ -15,6 +15,9 @@ ROS_PREFIXES = ("qos_overrides.",)
 NODE_NAMES = ("autostart",)
 """Parameters of the node that are not settings of the controller."""
 
+CUTOFF = 0.5
+"""Least similarity of a name that is proposed; `gain` for `gain_liner` has 0.57."""
+
 
 def is_ros_name(name: str) -> bool:
     """Whether a parameter belongs to rclpy."""
@@ -39,7 +42,7 @@ def check_names(names: Iterable[str], valid: Collection[str]) -> None:
 
 def _unknown(name: str, valid: Collection[str]) -> str:
     without_group = sorted(known for known in valid if known.rpartition(".")[2] == name)
-    near = without_group or difflib.get_close_matches(name, valid, 1)
+    near = without_group or difflib.get_close_matches(name, valid, 1, CUTOFF)
     if near:
         return f"unknown parameter '{name}'; nearest: {', '.join(near)}"
     return f"unknown parameter '{name}'; valid: {', '.join(sorted(valid))}"

@@ -113,7 +113,8 @@ class Group:
         for entry in dataclasses.fields(self):
             if entry.metadata:
                 name = f"{prefix}.{entry.name}" if prefix else entry.name
-                check(name, getattr(self, entry.name), Descriptor(name=name, default=entry.default, **entry.metadata))
+                default: Any = entry.default
+                check(name, getattr(self, entry.name), Descriptor(name=name, default=default, **entry.metadata))
 
 
 def converted(value: Any, about: Descriptor) -> Any:

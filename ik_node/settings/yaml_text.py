@@ -22,7 +22,7 @@ class _Loader(yaml.SafeLoader):
     """Takes 1e3 for a number, as ROS does and YAML 1.1 does not."""
 
 
-_Loader.add_implicit_resolver(  # type: ignore[no-untyped-call]
+_Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
 

@@ -50,7 +50,12 @@ def test_a_change_is_a_copy_and_flat_is_its_inverse() -> None:
 
 @pytest.mark.parametrize(
     ("name", "nearest"),
-    [("gains", "nearest: gain$"), ("limit.velocity", "nearest: limits.velocity$"), ("xyzzy", "valid: arm_delay_s, .*")],
+    [
+        ("gains", "nearest: gain$"),
+        ("gain_liner", "nearest: gain$"),
+        ("limit.velocity", "nearest: limits.velocity$"),
+        ("xyzzy", "valid: arm_delay_s, .*"),
+    ],
 )
 def test_an_unknown_name_is_refused_with_the_nearest(name: str, nearest: str) -> None:
     with pytest.raises(SettingsError, match=f"unknown parameter '{name}'; {nearest}"):

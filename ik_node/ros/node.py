@@ -118,6 +118,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
             used = f"'{robot.tip_frame}', the end of the longest chain, is used, and its last joint is '{robot.joints[-1]}'"
             self.get_logger().warning(f"tip_frame is not set: {used}")
+        if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
+            used = f"'{robot.tip_frame}', the end of the longest chain, is used; its last joint is {robot.joints[-1]}"
+            self.get_logger().warning(f"tip_frame is not set: {used}")
         self.get_logger().info(controller.collision_monitor.pairs)
         return TransitionCallbackReturn.SUCCESS
 

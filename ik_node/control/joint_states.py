@@ -26,6 +26,8 @@ from ik_node.settings.groups import Settings
 
 Indices = NDArray[np.intp] | slice
 
+CONTRADICTION = "joint states contradict each other"
+"""Begin of the status text while several sources of joint states contradict each other."""
 CONTRADICTION_S = 1.0
 """Two outliers within this time, with accepted states between them, are a second source rather than outliers: programs
 that publish joint states by themselves do so at 10 Hz or more. All states are refused until none was for this long."""
@@ -195,7 +197,7 @@ class JointStateMerger:
         contradicted = now.monotonic_ns < self._contradicted_until_ns
         self._rejected_ns, self._accepted_since = now.monotonic_ns, False
         if contradicts and not contradicted:
-            self._reason = f"joint states contradict each other: {text}{detail}, and back; is there a second publisher?"
+            self._reason = f"{CONTRADICTION}: {text}{detail}, and back; is there a second publisher?"
         elif not contradicted:
             self.warning = f"joint state ignored: {text}"
             if not self._reason.startswith(text):  # numbers of the first one, so that the status does not change

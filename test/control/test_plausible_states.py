@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from loop import READY, Loop, make_robot
 
+from ik_node.control.joint_states import CONTRADICTION
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.samples import JointSample
 from ik_node.interfaces.step import Level, Mode, Step
@@ -161,6 +162,7 @@ def test_a_second_source_of_joint_states_stops_the_arm(rate_hz: float) -> None:
     assert (status.mode, status.level) == (Mode.STOPPED, Level.ERROR)
     for part in ("contradict", "shoulder_", "jumped", "second publisher"):
         assert part in status.reason
+    assert CONTRADICTION in status.reason
     loop.run(1.5)
     assert loop.mode() is Mode.HOLDING, "continues when the second source is gone"
 

@@ -8,31 +8,34 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
 from ik_node.control.joint_states import CONTRADICTION
 from ik_node.control.warm_up import warm_up
-from ik_node.errors import IkNodeError, InputError, RecordingError
+from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import Instant
-from ik_node.interfaces.samples import frames_of
+from ik_node.interfaces.samples import frames_of, stamp_of
+from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.jit import is_cold
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
-from ik_node.ros import parameters, qos
+from ik_node.ros import parameters, qos, start_arguments
 from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
-from ik_node.ros.transforms import Transforms
+from ik_node.ros.transforms import TransformRefused, Transforms
 from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
@@ -41,6 +44,7 @@ JOINT_STATES = INPUTS[CallKind.ON_JOINT_STATE].topic
 CLOCK_PERIOD_S = 0.01
 """Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
+OTHER_DESCRIPTION = "another robot_description was published; it is ignored until the node is configured again"
 MAX_RAMP_S = 5.0
 """Longest ramp to zero at the end of the process."""
 
@@ -51,12 +55,15 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     It configures and activates itself unless the parameter ``autostart`` is false.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
-        parameters.declare(self)
-        about = ParameterDescriptor(description="Configure and activate without a request.", read_only=True)
-        self._autostart = bool(self.declare_parameter("autostart", True, about).value)
+        for line in start_arguments.unused_files(arguments, self.get_fully_qualified_name()):
+            self.get_logger().warning(line)
+        self._autostart = parameters.declare(self)
         self._robot_description = ""
+        self._other_description = ""
+        self._tf_warning = ""
+        self._configured_with = ""
         self._calls: RecordedController | None = None
         self._recorder = NodeRecorder(self)
         self._active = False
@@ -88,16 +95,19 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             robot = robot_from_settings(settings.arm, self._robot_description)
             controller = Controller(robot, settings)
             self._calls = RecordedController(controller, self._publisher.publish_step)
+            arm = settings.arm
+            self._configured_with = "" if arm.robot or arm.robot_description else self._robot_description
+            self._check_description(robot, self._configured_with)
             self._warm_up(robot, settings)
             self._publisher.configure(robot, settings)
         except IkNodeError as error:
             self.get_logger().error(f"not configured: {error}")
             self._calls = None
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would change to the error state without a message
+        except Exception:  # rclpy would change to the error state, without a message
             self.get_logger().error(f"not configured: {traceback.format_exc()}")
             self._calls = None
-            return TransitionCallbackReturn.ERROR
+            return TransitionCallbackReturn.FAILURE  # the error state would end the node
         if settings.recording.enabled:
             try:
                 self._start_recording()
@@ -106,6 +116,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._inputs = [self._subscribe(kind) for kind in INPUTS]
         joints = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {joints}")
+        if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
+            used = f"'{robot.tip_frame}', the end of the longest chain, is used; its last joint is {robot.joints[-1]}"
+            self.get_logger().warning(f"tip_frame is not set: {used}")
         self.get_logger().info(controller.collision_monitor.pairs)
         return TransitionCallbackReturn.SUCCESS
 
@@ -153,6 +166,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """Configure and activate once a robot is known; return False when that failed."""
         arm = parameters.read(self).arm
         is_known = bool(arm.robot or arm.robot_description or self._robot_description)
+        if self._autostart and not is_known:
+            waiting = f"waiting for robot_description on {self.resolve_topic_name('robot_description')}"
+            self.get_logger().info(waiting)
+            self._publisher.publish_status(Status(Level.OK, Mode.WAITING, waiting))
         if not (self._autostart and is_known and self._calls is None):
             return True
         is_configured = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
@@ -206,9 +223,12 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self._note_input(entry.name, f"{entry.name} refused: {error}", now)
             return
         self._note_input(entry.name, "", now)
-        self._look_up_frames(sample, now)
         try:
+            self._look_up_frames(sample, now)
             self._calls.call(kind, now, sample, data)
+        except TransformRefused as error:
+            self._tf_warning = f"{entry.name} refused: {error}"
+            self.get_logger().warning(self._tf_warning, throttle_duration_sec=1.0)
         except IkNodeError as error:
             self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
         self._publish_status()
@@ -228,7 +248,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             return
         robot = self._calls.controller.robot
         unknown = [frame for frame in frames_of(sample) if frame not in robot.frames]
-        for transform in self._transforms.lookup(robot.base_frame, unknown) if unknown else ():
+        if not unknown:
+            return
+        self._tf_warning = ""
+        for transform in self._transforms.lookup(robot.base_frame, unknown, stamp_of(sample), now.ros_ns):
             try:
                 self._calls.call(CallKind.ON_TRANSFORM, now, transform)
             except IkNodeError as error:
@@ -236,7 +259,18 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_description(self, message: String) -> None:
         self._robot_description = message.data
-        self._autostarted()
+        if self._calls is None:
+            self._autostarted()
+        else:
+            self._check_description(self._calls.controller.robot, self._configured_with)
+            self._publish_status()
+
+    def _check_description(self, robot: Robot, configured_with: str) -> None:
+        """Warn, in log and status, when the topic has a description other than that of the robot in use."""
+        other = self._robot_description not in ("", robot.urdf, configured_with)
+        self._other_description = OTHER_DESCRIPTION if other else ""
+        if other:
+            self.get_logger().warning(OTHER_DESCRIPTION)
 
     def _on_clock(self) -> None:
         if self._calls is not None and self._active:
@@ -256,7 +290,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             for kind, entry in INPUTS.items():
                 note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
                 self._note_input(f"{entry.name}.rate", note, now)
-            status = self._recorder.with_warning(self._calls.controller.status)
+            status = self._status(self._calls)
             self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
@@ -321,9 +355,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     # --- outputs -----------------------------------------------------------------------------------------------------
 
+    def _status(self, calls: RecordedController) -> Status:
+        status = self._recorder.with_warning(calls.controller.status)
+        return status.with_warning(self._other_description).with_warning(self._tf_warning)
+
     def _publish_status(self) -> None:
         if self._calls is not None:
-            message = self._publisher.publish_status(self._recorder.with_warning(self._calls.controller.status))
+            message = self._publisher.publish_status(self._status(self._calls))
             if message is not None:
                 self._recorder.record(message, self._now())
 
@@ -335,6 +373,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return self._recorder.start(self._calls, self._publisher.topics | inputs, self._now())
 
     # --- settings ----------------------------------------------------------------------------------------------------
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Change parameters; whole numbers are taken for doubles, and every refusal names the parameter."""
+        try:
+            return super().set_parameters_atomically(parameters.checked_changes(parameter_list))
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
 
     def _settings(self) -> Settings:
         return parameters.read(self) if self._calls is None else self._calls.controller.settings

@@ -105,3 +105,10 @@ def frames_of(sample: object) -> tuple[str, ...]:
     if isinstance(sample, tuple) and not isinstance(sample, JointSample):
         return tuple(dict.fromkeys(frame for one in sample for frame in frames_of(one)))
     return ()
+
+
+def stamp_of(sample: object) -> int:
+    """ROS time, in ns, at which the frames of a target or of obstacles are wanted; 0 means the newest."""
+    first = sample[0] if isinstance(sample, tuple) and sample and isinstance(sample[0], ObstacleSample) else sample
+    # The times of a path or trajectory lie ahead; tf has no transform for them.
+    return first.stamp_ns if isinstance(first, (PoseSample, ObstacleSample, TwistSample)) else 0

@@ -3,19 +3,7 @@
 Every call carries its time, and no clock is read, so the same calls in the same order give the same bits: on the robot,
 in simulation and in a replay.
 
-What stops the arm, and how:
-
-================================================  =============================================================
-cause                                             response
-================================================  =============================================================
-the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
-pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
-no subscriber on the command topic                the same ramp; continues with the next subscriber
-joint states too slow, or not followed            the same ramp; continues when the cause is gone
-joint states stale or not finite                  zero velocity at once; continues from the measured position
-joint states not possible, or contradictory       ignored; zero velocity at once if that lasts
-an exception or a non-finite result               zero velocity at once; stays stopped until reset
-================================================  =============================================================
+What stops the arm, and how, is the table in :mod:`ik_node.control.state_machine`.
 """
 
 from __future__ import annotations
@@ -28,6 +16,7 @@ import numpy as np
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
+from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when_late
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import REACH, StatusSnapshot
@@ -118,6 +107,8 @@ class Controller:
         Returns:
             The Step with the command; None without a control step. A joint state that is refused stops the arm.
         """
+        if (step := self._stop_when_late(now)) is not None:
+            return step
         try:
             state = self._joint_states.add(sample, now)
         except StateRefused as error:
@@ -190,12 +181,14 @@ class Controller:
         del now
         self._status.note("publishers", conflict)
 
-    def on_listeners(self, count: int, now: Instant) -> None:
-        """Sets the number of subscribers of the command topic. With no subscriber the arm is stopped."""
+    def on_listeners(self, count: int, now: Instant) -> Step | None:
+        """Sets the number of subscribers of the command topic; 0 stops the arm. Returns a Step as :meth:`pause`."""
+        step = self._stop_when_late(now)
         self._subscribers = count
         if count == 0 and self._state_machine.closed_loop:
             self._keep_targets = True
             self._ramp_down(now, NO_SUBSCRIBER)
+        return step
 
     def on_clock(self, now: Instant) -> Step | None:
         """Stops the arm when joint states are stale, and continues a ramp without them; to be called every 10 ms.
@@ -203,11 +196,11 @@ class Controller:
         Returns:
             The Step with the command; None when there is none.
         """
-        overdue = now.monotonic_ns - self._last_step_ns >= 2.0 * self._timer.period_s * NS
+        if (step := self._stop_when_late(now)) is not None:
+            return step
+        overdue = now.monotonic_ns - self._last_step_ns >= MAX_RAMP_GAP_PERIODS * self._timer.period_s * NS
         if self._state_machine.ramp is not None and overdue:
             return self._ramp_step(now)
-        if self._state_machine.closed_loop and self._joint_states.is_stale(now):
-            return self._stop(now, Level.ERROR, self._joint_states.stale_reason())
         if self.status.mode is Mode.WAITING and self._joint_states.missing():
             missing = ", ".join(self._joint_states.missing())
             self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
@@ -217,11 +210,13 @@ class Controller:
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
-    def pause(self, now: Instant, reason: str = "paused by request") -> None:
-        """Ramps to zero and stays stopped until :meth:`resume`. A fault stays a fault."""
+    def pause(self, now: Instant, reason: str = "paused by request") -> Step | None:
+        """Ramps to zero and stays stopped until :meth:`resume`; a fault stays. Returns zeros instead of a late ramp."""
+        step = self._stop_when_late(now)
         if self.status.mode is not Mode.FAULT:
             self._keep_targets = False
             self._ramp_down(now, Status(Level.OK, Mode.PAUSED, reason))
+        return step
 
     def resume(self) -> None:
         """Ends a pause; the arm holds the measured position. Has no effect when not paused."""
@@ -368,6 +363,16 @@ class Controller:
     def _ramp_down(self, now: Instant, idle_status: Status) -> None:
         acceleration = self._velocity_controller.solver.limits.acceleration
         self._state_machine.ramp_down(self._velocity_controller.velocity, acceleration, now, idle_status)
+
+    def _stop_when_late(self, now: Instant) -> Step | None:
+        """Commands zero when joint states are stale, or the node was held up during a ramp; None otherwise."""
+        since_step_ns = now.monotonic_ns - self._last_step_ns
+        late = reason_when_late(self._state_machine, self._joint_states, since_step_ns, self._timer.period_s, now)
+        if late is None:
+            return None
+        if late.is_held_up:
+            self._retry_ns = now.monotonic_ns + round(RESTART_S * NS)
+        return self._stop(now, Level.ERROR, late.reason)
 
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Commands zero at once; the next valid state starts again, unless paused or in a fault."""

@@ -1,4 +1,20 @@
-"""Which mode the controller is in, and how the arm comes to rest."""
+"""Which mode the controller is in, and how the arm comes to rest.
+
+What stops the arm, and how:
+
+================================================  =============================================================
+cause                                             response
+================================================  =============================================================
+the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
+pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
+no subscriber on the command topic                the same ramp; continues with the next subscriber
+joint states too slow, or not followed            the same ramp; continues when the cause is gone
+joint states stale or not finite                  zero velocity at once; continues from the measured position
+the process was held up (stopped, starved)        the same
+joint states not possible, or contradictory       ignored; zero velocity at once if that lasts
+an exception or a non-finite result               zero velocity at once; stays stopped until reset
+================================================  =============================================================
+"""
 
 from __future__ import annotations
 

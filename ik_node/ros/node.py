@@ -21,10 +21,11 @@ from ik_node.control.controller import Controller
 from ik_node.control.joint_states import CONTRADICTION
 from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
-from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import frames_of, stamp_of
-from ik_node.interfaces.step import Level, Mode, Status
+from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.jit import is_cold
+from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
 from ik_node.replay.recorded_controller import RecordedController
@@ -35,7 +36,9 @@ from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
+from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.ros.transforms import TransformRefused, Transforms
+from ik_node.ros.watchdog_status import WatchdogStatus
 from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
@@ -45,8 +48,6 @@ CLOCK_PERIOD_S = 0.01
 """Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
 OTHER_DESCRIPTION = "another robot_description was published; it is ignored until the node is configured again"
-MAX_RAMP_S = 5.0
-"""Longest ramp to zero at the end of the process."""
 
 
 class IkNode(LifecycleNode):  # type: ignore[misc]
@@ -74,13 +75,14 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._input_notes: dict[str, str] = {}
         self._queue = InputQueue(lambda kind, data: self._on_input(kind, INPUTS[kind], data, self._now()))
         self._publisher = StepPublisher(self)
+        self._watchdog = WatchdogStatus(self)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/record", self._on_record)
-        self.create_timer(CLOCK_PERIOD_S, self._on_clock)
-        self.create_timer(1.0, self._on_second)
-        self.create_timer(MARKER_PERIOD_S, self._on_markers)
+        create_steady_timer(self, CLOCK_PERIOD_S, self._on_clock)
+        create_steady_timer(self, 1.0, self._on_second)
+        create_steady_timer(self, MARKER_PERIOD_S, self._on_markers)
         parameters.follow_changes(self, self._settings, self._check_settings, self._apply_settings)
         if not self._autostarted():
             raise IkNodeError("the node could not be configured; see the log above")
@@ -94,7 +96,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             settings = parameters.read(self)
             robot = robot_from_settings(settings.arm, self._robot_description)
             controller = Controller(robot, settings)
-            self._calls = RecordedController(controller, self._publisher.publish_step)
+            self._calls = RecordedController(controller, self._send)
             arm = settings.arm
             self._configured_with = "" if arm.robot or arm.robot_description else self._robot_description
             self._check_description(robot, self._configured_with)
@@ -159,8 +161,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def finish(self, executor: Any) -> None:
         """Ramp to zero and complete the recording, after a signal and before the process ends."""
         del executor
-        self._ramp_to_rest("the process is ending")
-        self._close()
+        try:
+            self._ramp_to_rest("the process is ending")
+        finally:
+            self._close()
 
     def _autostarted(self) -> bool:
         """Configure and activate once a robot is known; return False when that failed."""
@@ -186,17 +190,18 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._calls = None
 
     def _ramp_to_rest(self, reason: str) -> None:
-        """Ramp to zero with clock calls: no other callback runs during this one."""
+        """Ramp to zero with clock calls, however long it takes: no other callback runs during this one."""
         if self._calls is None or not self._active:
             return
         controller = self._calls.controller
-        self._pause(reason)
-        end_s = time.monotonic() + MAX_RAMP_S
-        period_s = 2.0 / controller.settings.control.rate_hz
-        while not controller.at_rest and time.monotonic() < end_s:
-            time.sleep(period_s)
-            self._on_clock()
-        self._publisher.publish_zero()
+        try:
+            self._pause(reason)
+            period_s = 2.0 / controller.settings.control.rate_hz
+            while not controller.at_rest:
+                time.sleep(period_s)
+                self._on_clock()
+        finally:  # an exception of the ramp leaves no velocity either
+            self._publisher.publish_zero()
         self._publish_status()
 
     # --- inputs ------------------------------------------------------------------------------------------------------
@@ -291,7 +296,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
                 note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
                 self._note_input(f"{entry.name}.rate", note, now)
             status = self._status(self._calls)
-            self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
+            values = {**self._recorder.values(), "watchdog": self._watchdog.state}
+            self._recorder.record(self._publisher.publish_diagnostics(status, now, values), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
         """Report target topics with several publishers.
@@ -359,11 +365,23 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         status = self._recorder.with_warning(calls.controller.status)
         return status.with_warning(self._other_description).with_warning(self._tf_warning)
 
+    def _send(self, step: Step) -> list[Outgoing]:
+        """Publish a Step and return the messages; none when the process was held up between the call and this point.
+
+        The arm may have been stopped meanwhile. The next call detects the gap and commands zero.
+        """
+        age_s = (time.monotonic_ns() - step.now.monotonic_ns) / NS
+        is_late = self._calls is not None and age_s > self._calls.controller.settings.state.timeout_s
+        return [] if is_late and step.joint_velocity.any() else self._publisher.publish_step(step)
+
     def _publish_status(self) -> None:
         if self._calls is not None:
-            message = self._publisher.publish_status(self._status(self._calls))
+            status = self._status(self._calls)
+            message = self._publisher.publish_status(status)
             if message is not None:
                 self._recorder.record(message, self._now())
+                if status.level is Level.ERROR:
+                    self.get_logger().error(f"{status.mode.value}: {status.reason}", throttle_duration_sec=1.0)
 
     def _start_recording(self) -> str:
         """Start a recording and return its folder; raises RecordingError when that is not possible."""

@@ -21,6 +21,7 @@ from rclpy.task import Future
 from ik_node.errors import IkNodeError, SettingsError
 from ik_node.ros import start_arguments
 from ik_node.ros.child_process import end_with_parent_if_requested
+from ik_node.ros.steady_timer import create_steady_timer
 
 SIGNAL_POLL_S = 0.05
 """Longest time until Python handles a signal while no callback runs."""
@@ -31,7 +32,7 @@ UNUSABLE = 2
 
 
 def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], arguments: Sequence[str] | None) -> int:
-    """Make a node and spin it until SIGINT or SIGTERM.
+    """Make a node and spin it until SIGINT, SIGTERM or SIGHUP.
 
     Args:
         make_node: Makes the node, after rclpy was initialised.
@@ -57,6 +58,8 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored under nohup
+        signal.signal(signal.SIGHUP, on_signal)
     executor = EventsExecutor()
     try:
         node = make_node()
@@ -64,7 +67,7 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
         print(f"error: {error}", file=sys.stderr)
         rclpy.shutdown()
         return 1
-    node.create_timer(SIGNAL_POLL_S, lambda: None)
+    create_steady_timer(node, SIGNAL_POLL_S, lambda: None)
     executor.add_node(node)
     try:
         executor.spin_until_future_complete(stopped, SPIN_TIMEOUT_S)

@@ -252,7 +252,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         if self._calls is None:
             return
         robot = self._calls.controller.robot
-        unknown = [frame for frame in frames_of(sample) if frame not in robot.frames]
+        frames = frames_of(sample)
+        if "" in frames:
+            text = f"frame_id is empty; the base frame '{robot.base_frame}' is used"
+            self.get_logger().warning(text, once=True)
+        unknown = [frame for frame in frames if frame and frame not in robot.frames]
         if not unknown:
             return
         self._tf_warning = ""

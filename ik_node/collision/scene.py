@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from ik_node.errors import InputError, SceneError
 from ik_node.interfaces.clock import NS
@@ -36,6 +35,7 @@ from ik_node.interfaces.samples import FARTHEST_M
 from ik_node.math.numerics import checked_vector
 from ik_node.math.se3 import log_rotation, pose_from
 from ik_node.math.types import Array
+from ik_node.settings.yaml_text import bounded_text, load_yaml
 
 SIZES = {
     "sphere": ("radius",),
@@ -253,11 +253,11 @@ def read_scene(path: str | Path, pose_of_frame: Callable[[str], Array] | None = 
         SceneError: The file cannot be read, is not YAML, or an obstacle in it is invalid; names the obstacle.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text())
+        content = load_yaml(bounded_text(Path(path)))
     except OSError as error:
         raise SceneError(f"scene {path} cannot be read: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        raise SceneError(f"scene {path} is not YAML: {error}") from error
+    except ValueError as error:  # InputError, or a NUL in the path
+        raise SceneError(f"scene {path} cannot be read: {error}") from error
     entries = content.get("obstacles") if isinstance(content, dict) else None
     if not isinstance(entries, list):
         raise SceneError(f"scene {path} has no list 'obstacles'")

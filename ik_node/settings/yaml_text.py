@@ -14,8 +14,13 @@ from ik_node.errors import InputError, SettingsError
 MAX_BYTES = 1_000_000
 """Largest parameter file: a hundred times that of all parameters with their descriptions. A larger file is no parameter
 file, and takes seconds to parse."""
+MAX_DEPTH = 50
+"""Deepest nesting; parameters, scenes and metadata of bags have less than 10, and the parser recurses."""
 _FLOAT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _INTEGER = re.compile(r"[-+]?\d+")
+
+_Events: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""Parser of events only, which does not recurse."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -28,16 +33,45 @@ _Loader.add_implicit_resolver(
 
 
 def load_yaml(text: str) -> Any:
-    """The content of a YAML document.
+    """The content of a YAML document; every YAML of this package is read here.
 
     Raises:
-        InputError: The text has an alias, which ROS refuses.
-        yaml.YAMLError: The text is not YAML.
-        ValueError: A value cannot be converted.
+        InputError: The text is not YAML, is too large or nested too deeply, or has an alias. ROS refuses aliases, and a
+            few lines of them expand to more than any memory.
     """
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
-        raise InputError("a parameter file cannot have aliases (*name)")
-    return yaml.load(text, Loader=_Loader)
+    if len(text) > MAX_BYTES:
+        raise InputError(f"{len(text)} characters of YAML; at most {MAX_BYTES} are read")
+    try:
+        depth = 0
+        for event in yaml.parse(text, Loader=_Events):
+            if isinstance(event, yaml.AliasEvent):
+                raise InputError("aliases (*name) are not accepted in YAML")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise InputError(f"YAML is nested more than {MAX_DEPTH} deep")
+        return yaml.load(text, Loader=_Loader)
+    except InputError:
+        raise
+    # Constructors of PyYAML raise any of these for values such as `!!int ''`, `!!bool x` or `2001-99-99`.
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, ArithmeticError, LookupError) as error:
+        raise InputError(f"not YAML: {' '.join(str(error).split())}") from error
+
+
+def bounded_text(path: Path) -> str:
+    """The text of a YAML file, which may also be a pipe; of a device no more is read than of a file.
+
+    Raises:
+        InputError: The file is too large or is no text.
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise InputError(f"more than {MAX_BYTES} bytes")
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"no text: {error}") from error
 
 
 def read_text(path: Path) -> str:
@@ -45,8 +79,10 @@ def read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise SettingsError(f"'{path}' has {path.stat().st_size} bytes; a parameter file has at most {MAX_BYTES}")
-        return path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
+        return bounded_text(path)
+    except SettingsError:
+        raise
+    except (OSError, InputError, ValueError) as error:
         raise SettingsError(f"'{path}' is no parameter file: {error}") from error
 
 

@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
@@ -76,28 +77,31 @@ def set_up(requirements: list[Path]) -> None:
     stamp.write_text(digest)
 
 
-def run(*command: str, python_path: Path | None = None) -> int:
-    """Run an executable of the environment in the caller's folder; return its exit code."""
+def become(*command: str, python_path: Path | None = None) -> NoReturn:
+    """Replace this process by an executable of the environment, in the caller's folder.
+
+    A signal to this process, from a terminal or a supervisor, then reaches the node itself. A parent in between would
+    have to wait for a ramp to zero of any length; ``subprocess.run`` kills its child 0.25 s after Ctrl-C.
+    """
     variables = environment() if python_path is None else {**environment(), "PYTHONPATH": str(python_path)}
-    try:
-        return subprocess.run([str(BIN / command[0]), *command[1:]], env=variables, check=False).returncode
-    except KeyboardInterrupt:  # the child got it too, and has had its time to end cleanly
-        return 130
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execve(str(BIN / command[0]), [str(BIN / command[0]), *command[1:]], variables)
 
 
 def test(options: list[str]) -> int:
-    """Linters, type checks, tests; the first failure ends it."""
+    """Linters and type checks, of which the first failure ends it with its exit code; then becomes pytest."""
     os.chdir(ROOT)
     checks = [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",)]
     for check in checks:
         print("$", *check, flush=True)
-        code = run(*check)
+        code = subprocess.run([str(BIN / check[0]), *check[1:]], env=environment(), check=False).returncode
         if code:
             return code
     # Before the caller's options, of which the last one counts: `-n 0` runs all of it in one process.
     command = ("pytest", "-n", "auto", "--dist", "worksteal", *options)
     print("$", *command, flush=True)
-    return run(*command)
+    become(*command)
 
 
 def main() -> int:
@@ -113,14 +117,17 @@ def main() -> int:
     if task == "test":
         return test(options)
     if task == "ik_benchmark":  # not installed: part of the checkout only
-        return run("python", "-m", "benchmarks", *options, python_path=ROOT)
+        become("python", "-m", "benchmarks", *options, python_path=ROOT)
     executable = "ik_demo" if task == "demo" else task
     if not (BIN / executable).exists():
         sys.exit(
             f"error: no executable '{executable}'; there are: {', '.join(sorted(p.name for p in BIN.glob('ik_*')))}"
         )
-    return run(executable, *options)
+    become(executable, *options)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:  # while setting up, or in a check: no node runs
+        sys.exit(130)

@@ -66,6 +66,9 @@ class RecordedCaller:
     def on_transform(self, answer: str, now: Instant) -> None:
         self.call(CallKind.ON_TRANSFORM, now, answer)
 
+    def on_input_note(self, text: str, now: Instant) -> None:
+        self._call(CallKind.ON_INPUT_NOTE, now, text)
+
     def on_publishers(self, conflict: str, now: Instant) -> None:
         self.call(CallKind.ON_PUBLISHERS, now, conflict)
 

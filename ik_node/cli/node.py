@@ -41,7 +41,8 @@ parameters:
 example:
   ik_node --ros-args --params-file config/panda.yaml -p method:=inertia_weighted
 
-exit code: 0 after SIGINT or SIGTERM, 1 when the node cannot be configured, 2 for an unknown option
+exit code: 0 after SIGINT or SIGTERM, 1 when the node cannot be configured, 2 for an unknown option or
+arguments that ROS cannot read
 """
 
 
@@ -57,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ik_node.ros.node import IkNode
     from ik_node.ros.spin import run
 
-    return run(IkNode, IkNode.finish, arguments)
+    return run(lambda: IkNode(arguments), IkNode.finish, arguments)
 
 
 if __name__ == "__main__":

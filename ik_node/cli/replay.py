@@ -105,9 +105,9 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
         compare_open_loop,
         ground_truth_of,
         make_variants,
-        parse_assignment,
     )
     from ik_node.report.ground_truth import ground_truth_from_targets
+    from ik_node.settings.parameter_file import parse_assignment
 
     source = opened()
     first = Variant("as configured", {}) if external else RECORDED

@@ -112,7 +112,7 @@ def _load(options: argparse.Namespace) -> Robot:
     if options.urdf is not None:
         try:
             return Robot(options.urdf.read_text(), options.base, options.tip)
-        except OSError as error:
+        except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"--urdf cannot be read: {error}") from error
     if options.robot is None:
         raise InputError(f"--robot is missing; or give --urdf, or --example {' or '.join(EXAMPLES)}")
@@ -126,6 +126,11 @@ def _robot(options: argparse.Namespace) -> int:
     from ik_node.math.numerics import checked_vector
 
     robot = _load(options)
+    for fault in robot.limit_faults:
+        print(f"warning: {fault.text}; taken as none", file=sys.stderr)
+    if options.urdf is not None and not options.tip:
+        used = f"'{robot.tip_frame}', the end of the longest chain, is used, and its last joint is '{robot.joints[-1]}'"
+        print(f"warning: --tip is missing: {used}", file=sys.stderr)
     pose_sd = _target(options.target)
     seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
     eps_omega, eps_v = _tolerances(options, 1e-6, 1e-6)

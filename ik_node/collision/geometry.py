@@ -114,7 +114,9 @@ def load(
         raise UnknownNameError("simplification", simplification, SIMPLIFICATIONS)
     places = package_folders(folders)
     try:
-        model = pin.buildGeomFromUrdfString(robot.model, robot.urdf, pin.GeometryType.COLLISION, None, places)
+        model = pin.buildGeomFromUrdfString(
+            robot.model, robot.description.text, pin.GeometryType.COLLISION, None, places
+        )
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise CollisionUnavailableError(f"{reason} Looked in {', '.join(places) or 'no folder'}.") from error

@@ -19,6 +19,11 @@ from ik_node.robot.frames import Frames
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ObstacleSettings
 
+MAX_REPORTED = 5
+"""Refused obstacles of one message that the status names."""
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+"""Orientation of spheres, x y z w."""
+
 
 class CollisionMonitor:
     """Distances, velocity dampers and repulsive potential of one arm in a scene that may change."""
@@ -95,7 +100,8 @@ class CollisionMonitor:
             max_age_ns: A stamp older than this is not trusted; the time of arrival is used instead.
 
         Returns:
-            The errors of samples that cannot be used, with their names; empty when all samples were used.
+            The errors of samples that cannot be used, with their names, at most :data:`MAX_REPORTED`, and the number of
+            further ones; empty when all samples were used.
         """
         errors = []
         for sample in samples:
@@ -103,17 +109,20 @@ class CollisionMonitor:
                 self._update_obstacle(sample, frames, now, max_age_ns)
             except InputError as error:
                 errors.append(f"{sample.name}: {error}")
-        return "; ".join(errors)
+        more = [f"and {len(errors) - MAX_REPORTED} more"] if len(errors) > MAX_REPORTED else []
+        return "; ".join(errors[:MAX_REPORTED] + more)
 
     def _update_obstacle(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
         if sample.action == "delete_all":
-            self.scene = Scene()
+            self.scene = self.scene.remove_all(sample.name.rpartition("/")[0])
         elif sample.action == "delete":
             self.scene = self.scene.remove(sample.name)
         elif sample.action == "add":
             stamped = to_monotonic(sample.stamp_ns, now, max_age_ns)
             expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
             solid = shape(sample.kind, sample.size, sample.name)
+            if sample.kind == "sphere":  # has no orientation, and RViz does not require one
+                sample = sample._replace(quaternion=UPRIGHT)
             pose_s = frames.pose_of(sample, "obstacle")
             self.scene = self.scene.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
         else:

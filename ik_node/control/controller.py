@@ -3,18 +3,7 @@
 Every call carries its time, and no clock is read, so the same calls in the same order give the same bits: on the robot,
 in simulation and in a replay.
 
-What stops the arm, and how:
-
-================================================  =============================================================
-cause                                             response
-================================================  =============================================================
-the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
-pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
-no subscriber on the command topic                the same ramp; continues with the next subscriber
-joint states too slow, or not followed            the same ramp; continues when the cause is gone
-joint states stale or not finite                  zero velocity at once; continues from the measured position
-an exception or a non-finite result               zero velocity at once; stays stopped until reset
-================================================  =============================================================
+What stops the arm, and how, is the table in :mod:`ik_node.control.state_machine`.
 """
 
 from __future__ import annotations
@@ -27,22 +16,18 @@ import numpy as np
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
+from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when_late
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
-from ik_node.control.status import StatusSnapshot
+from ik_node.control.status import REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
+from ik_node.differential_ik.posture import check_posture
+from ik_node.differential_ik.methods import check_masses
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
+from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
-from ik_node.interfaces.samples import (
-    JointSample,
-    ObstacleSample,
-    PathSample,
-    PoseSample,
-    TrajectorySample,
-    TwistSample,
-)
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
 from ik_node.math.types import Array
@@ -51,7 +36,7 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
 
 MAX_TARGET_AHEAD_S = 0.5
 """Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
@@ -85,7 +70,7 @@ class Controller:
         self.states_refused = 0
         """Number of refused joint states."""
         self._velocity_controller = VelocityController(robot, settings)
-        self._joint_states = JointStateMerger(robot.joints, settings.state)
+        self._joint_states = JointStateMerger(robot, settings)
         self._targets = TargetArbiter(settings, robot)
         self._frames = Frames(robot)
         self._state_machine = StateMachine()
@@ -116,17 +101,23 @@ class Controller:
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
-    def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
+    def on_joint_state(self, sample: inputs.JointSample, now: Instant) -> Step | None:
         """Adds a joint state and makes a control step if one is due.
 
         Returns:
             The Step with the command; None without a control step. A joint state that is refused stops the arm.
         """
+        if (step := self._stop_when_late(now)) is not None:
+            return step
         try:
             state = self._joint_states.add(sample, now)
         except StateRefused as error:
             self.states_refused += 1
             return self._stop(now, Level.ERROR, f"joint state refused: {error}")
+        if self._joint_states.warning:
+            self._status.set_condition(self._joint_states.warning, True, now)
+        if self._joint_states.settled and self._state_machine.moving:
+            return self._stop(now, Level.ERROR, self._joint_states.settled)
         if state is None or not self._timer.is_due(state.time_ns):
             return None
         try:
@@ -135,10 +126,11 @@ class Controller:
             reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
             return self._fault(now, reason)
 
-    def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
+    def on_target_pose(self, sample: inputs.PoseSample, now: Instant) -> None:
         """Adds a pose of the target stream."""
         with self._refusals():
             pose_sd = self._frames.pose_of(sample, "target")
+            check_distance(pose_sd)
         max_age_ns, max_ahead_ns = round(MAX_STAMP_AGE_S * NS), round(MAX_TARGET_AHEAD_S * NS)
         stamped = to_monotonic(sample.stamp_ns, now, max_age_ns, max_ahead_ns)
         condition = "target stamps disagree with this clock; the time of arrival is used"
@@ -146,25 +138,25 @@ class Controller:
         if self._state_machine.closed_loop:
             self._targets.on_pose(pose_sd, stamped)
 
-    def on_target_path(self, sample: PathSample, now: Instant) -> None:
+    def on_target_path(self, sample: inputs.PathSample, now: Instant) -> None:
         """Starts to follow a path; TargetRefused names the invalid pose."""
         with self._refusals():
             self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
 
-    def on_target_trajectory(self, sample: TrajectorySample, now: Instant) -> None:
+    def on_target_trajectory(self, sample: inputs.TrajectorySample, now: Instant) -> None:
         """Starts to follow a trajectory of poses and twists; TargetRefused names the invalid point."""
         with self._refusals():
             self._ready()
             self._targets.on_trajectory(sample, self._frames.pose, now)
 
-    def on_target_twist(self, sample: TwistSample, now: Instant) -> None:
+    def on_target_twist(self, sample: inputs.TwistSample, now: Instant) -> None:
         """Jogs the tool with a twist."""
         with self._refusals():
             self._ready()
             frame = twist_frame(self.robot, self._frames, sample.frame_id)
             self._targets.on_twist(sample, frame, now)
 
-    def on_obstacles(self, samples: tuple[ObstacleSample, ...], now: Instant) -> None:
+    def on_obstacles(self, samples: tuple[inputs.ObstacleSample, ...], now: Instant) -> None:
         """Adds, changes and deletes obstacles; raises SceneError naming those that cannot be used."""
         max_age_ns = round(MAX_STAMP_AGE_S * NS)
         errors = self.collision_monitor.update_obstacles(samples, self._frames, now, max_age_ns)
@@ -178,17 +170,25 @@ class Controller:
         with self._refusals():
             self._frames.set_transform(transform)
 
+    def on_input_note(self, text: str, now: Instant) -> None:
+        """Sets the note on an input that is not used. ``text``: its name, a space, and the note; no note ends it."""
+        del now
+        name, _, note = text.partition(" ")
+        self._status.note(f"input {name}", note)
+
     def on_publishers(self, conflict: str, now: Instant) -> None:
         """Sets the text that names the target topics with several publishers; empty for none."""
         del now
         self._status.note("publishers", conflict)
 
-    def on_listeners(self, count: int, now: Instant) -> None:
-        """Sets the number of subscribers of the command topic. With no subscriber the arm is stopped."""
+    def on_listeners(self, count: int, now: Instant) -> Step | None:
+        """Sets the number of subscribers of the command topic; 0 stops the arm. Returns a Step as :meth:`pause`."""
+        step = self._stop_when_late(now)
         self._subscribers = count
         if count == 0 and self._state_machine.closed_loop:
             self._keep_targets = True
             self._ramp_down(now, NO_SUBSCRIBER)
+        return step
 
     def on_clock(self, now: Instant) -> Step | None:
         """Stops the arm when joint states are stale, and continues a ramp without them; to be called every 10 ms.
@@ -196,23 +196,27 @@ class Controller:
         Returns:
             The Step with the command; None when there is none.
         """
-        overdue = now.monotonic_ns - self._last_step_ns >= 2.0 * self._timer.period_s * NS
+        if (step := self._stop_when_late(now)) is not None:
+            return step
+        overdue = now.monotonic_ns - self._last_step_ns >= MAX_RAMP_GAP_PERIODS * self._timer.period_s * NS
         if self._state_machine.ramp is not None and overdue:
-            return self._bare_step(now, self._state_machine.ramp_velocity(now))
-        if self._state_machine.closed_loop and self._joint_states.is_stale(now):
-            return self._stop(now, Level.ERROR, f"no joint state for {self._joint_states.timeout_s:g} s")
+            return self._ramp_step(now)
         if self.status.mode is Mode.WAITING and self._joint_states.missing():
             missing = ", ".join(self._joint_states.missing())
             self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
+        if self.status.mode is Mode.WAITING and self._joint_states.rejected(now):
+            self._status.set(Status(Level.ERROR, Mode.WAITING, self._joint_states.stale_reason()))
         return None
 
     # --- requests ----------------------------------------------------------------------------------------------------
 
-    def pause(self, now: Instant, reason: str = "paused by request") -> None:
-        """Ramps to zero and stays stopped until :meth:`resume`. A fault stays a fault."""
+    def pause(self, now: Instant, reason: str = "paused by request") -> Step | None:
+        """Ramps to zero and stays stopped until :meth:`resume`; a fault stays. Returns zeros instead of a late ramp."""
+        step = self._stop_when_late(now)
         if self.status.mode is not Mode.FAULT:
             self._keep_targets = False
             self._ramp_down(now, Status(Level.OK, Mode.PAUSED, reason))
+        return step
 
     def resume(self) -> None:
         """Ends a pause; the arm holds the measured position. Has no effect when not paused."""
@@ -226,13 +230,18 @@ class Controller:
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when settings do not match the robot; changes nothing."""
+        check_masses(settings.control.method, self.robot)
         motion_limits(self.robot, settings.limits, settings.control.rate_hz)
+        check_posture(self.robot, settings.obstacles)
 
     def apply(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""
-        self._velocity_controller.configure(settings)
+        law = self._velocity_controller
+        law.configure(settings)
+        self._status.note("limits", law.slowing())
+        self._state_machine.change_ramp(law.velocity, law.solver.limits.acceleration, law.commanded_ns)
         self.settings = settings
-        self._joint_states.configure(settings.state)
+        self._joint_states.configure(settings)
         self._targets.configure(settings)
         self._following_error.configure(settings.follow)
 
@@ -276,7 +285,7 @@ class Controller:
         self._frames.position = state.position
         self._last_step_ns = now.monotonic_ns
         if self._state_machine.ramp is not None:
-            return self._bare_step(now, self._state_machine.ramp_velocity(now))
+            return self._ramp_step(now)
         return self._track(state, now) if self._may_move(state, now) else None
 
     def _may_move(self, state: JointState, now: Instant) -> bool:
@@ -321,10 +330,12 @@ class Controller:
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)
 
     def _report(self, now: Instant, output: ControlOutput) -> None:
+        self._status.note("limits")
         conditions = self._velocity_controller.conditions(output)
         if self._joint_states.skew_ns != 0:
             conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
         conditions.extend(self._targets.warnings)
+        self._status.note(REACH, self._targets.out_of_reach)
         self._status.set_conditions(conditions, now)
         ended = self._targets.ended
         mode = Mode.HOLDING if ended else Mode.TRACKING
@@ -353,6 +364,16 @@ class Controller:
         acceleration = self._velocity_controller.solver.limits.acceleration
         self._state_machine.ramp_down(self._velocity_controller.velocity, acceleration, now, idle_status)
 
+    def _stop_when_late(self, now: Instant) -> Step | None:
+        """Commands zero when joint states are stale, or the node was held up during a ramp; None otherwise."""
+        since_step_ns = now.monotonic_ns - self._last_step_ns
+        late = reason_when_late(self._state_machine, self._joint_states, since_step_ns, self._timer.period_s, now)
+        if late is None:
+            return None
+        if late.is_held_up:
+            self._retry_ns = now.monotonic_ns + round(RESTART_S * NS)
+        return self._stop(now, Level.ERROR, late.reason)
+
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Commands zero at once; the next valid state starts again, unless paused or in a fault."""
         was_moving = self._state_machine.moving
@@ -365,6 +386,11 @@ class Controller:
     def _fault(self, now: Instant, reason: str) -> Step:
         self._state_machine.fault(reason)
         return self._bare_step(now, np.zeros(self.robot.n))
+
+    def _ramp_step(self, now: Instant) -> Step:
+        self._status.note("limits", self._velocity_controller.slowing())
+        velocity = self._velocity_controller.slowed(self._state_machine.ramp_velocity(now), now)
+        return self._bare_step(now, velocity)
 
     def _bare_step(self, now: Instant, velocity: Array) -> Step:
         """Step that commands ``velocity`` (n,) without a control law."""

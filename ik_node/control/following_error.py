@@ -27,11 +27,16 @@ LONG_WINDOWS = 8
 STANDSTILL_RATIO = 0.1
 """Ratio of measured to commanded motion below which the robot counts as standing still."""
 
-FOLLOWS, STANDS, LAGS = 0, 1, 2
+SELF_MOTION = 0.1
+"""Measured motion [rad or m] of a joint while none is commanded from which the robot moves by itself: more than the
+remaining motion of an arm with a lag of 50 ms at 2 rad/s."""
+
+FOLLOWS, STANDS, LAGS, BY_ITSELF = 0, 1, 2, 3
 MESSAGES = (
     "",
     "the robot does not move: protective stop, or its controller is not active",
     "the robot moves less than commanded: speed slider, or a limit in the robot",
+    "the robot moves by itself: another controller or a person moves it, or joints have another order or sign",
 )
 """Status texts for these values."""
 
@@ -173,18 +178,22 @@ def _status(
     min_ratio: float,
 ) -> int:
     """Status of the motion from the measurement in row ``begin`` to that in row ``end``."""
-    evaluated, along, squared = False, 0.0, 0.0
+    evaluated, moved, along, squared = False, False, 0.0, 0.0
     for i in range(commanded.shape[1]):
         distance = commanded[end, i] - commanded[begin, i]
         evaluated = evaluated or not abs(distance) < min_motion
-        along += distance * joint_difference(positions[begin, i], positions[end, i], continuous[i])
+        measured = joint_difference(positions[begin, i], positions[end, i], continuous[i])
+        moved = moved or abs(measured) > SELF_MOTION
+        along += distance * measured
         squared += distance * distance
     if not evaluated:
-        return FOLLOWS
+        return BY_ITSELF if moved and sums[end, 1] - sums[begin, 1] < min_motion * min_motion * 1e-3 else FOLLOWS
     # With a delay of 20 ms, the end point of a motion that reverses differs from the commanded one, and fast
     # oscillations do not agree step by step. The robot does not follow when both measures are too small.
     steps = (sums[end, 0] - sums[begin, 0]) / (sums[end, 1] - sums[begin, 1])
     ratio = max(steps, along / squared)
     if ratio >= min_ratio:
         return FOLLOWS
+    if ratio < -STANDSTILL_RATIO:
+        return BY_ITSELF
     return STANDS if ratio < STANDSTILL_RATIO else LAGS

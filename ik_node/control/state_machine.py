@@ -1,4 +1,20 @@
-"""Which mode the controller is in, and how the arm comes to rest."""
+"""Which mode the controller is in, and how the arm comes to rest.
+
+What stops the arm, and how:
+
+================================================  =============================================================
+cause                                             response
+================================================  =============================================================
+the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
+pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
+no subscriber on the command topic                the same ramp; continues with the next subscriber
+joint states too slow, or not followed            the same ramp; continues when the cause is gone
+joint states stale or not finite                  zero velocity at once; continues from the measured position
+the process was held up (stopped, starved)        the same
+joint states not possible, or contradictory       ignored; zero velocity at once if that lasts
+an exception or a non-finite result               zero velocity at once; stays stopped until reset
+================================================  =============================================================
+"""
 
 from __future__ import annotations
 
@@ -73,6 +89,11 @@ class StateMachine:
             self.reporter.set(Status(idle_status.level, Mode.RAMPING, idle_status.reason))
         else:
             self.reporter.set(idle_status)
+
+    def change_ramp(self, velocity: Array, acceleration: Array, commanded_ns: int) -> None:
+        """Continues a ramp with other acceleration limits (n,), from the last command (n,) and its monotonic time."""
+        if self.ramp is not None:  # the same straight line when the acceleration limits are the same
+            self.ramp = ramp_to_zero(velocity, acceleration, commanded_ns)
 
     def ramp_velocity(self, now: Instant) -> Array:
         """Joint velocity of the ramp at the present time, (n,), rad/s (m/s); (0,) when there is no ramp."""

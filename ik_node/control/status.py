@@ -15,6 +15,9 @@ _RELEASE_NS = round(RELEASE_S * NS)
 CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
 """Modes in which the control law computes the commands."""
 
+REACH = "reach"
+"""Subject of a note that concerns the active target, and is only added in the modes of :data:`CLOSED_LOOP`."""
+
 
 class StatusSnapshot(NamedTuple):
     """Attributes of a :class:`StatusReporter`."""
@@ -60,10 +63,12 @@ class StatusReporter:
     def set(self, base: Status) -> None:
         """Sets mode and reason. Added texts raise the level to a warning.
 
-        Notes are always added; conditions only while the control law computes the commands.
+        Notes are always added, except that on :data:`REACH`; it and conditions are added only while the control law
+        computes the commands.
         """
-        conditions = self._until if base.mode in CLOSED_LOOP else ()
-        texts = [*conditions, *self._notes.values()]
+        active = base.mode in CLOSED_LOOP
+        notes = (text for subject, text in self._notes.items() if active or subject != REACH)
+        texts = [*(self._until if active else ()), *notes]
         if texts:
             level = base.level if base.level is Level.ERROR else Level.WARN
             self.status = Status(level, base.mode, "; ".join((base.reason, *texts)))

@@ -83,6 +83,7 @@ class VelocityController:
         self.commanded_ns = 0
         self.task_scale = 1.0
         self.truncated = False
+        self._slowing = ""
 
     def configure(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
@@ -113,14 +114,29 @@ class VelocityController:
 
         Args:
             time_ns: Monotonic time of the measurement.
-            commanded_ns: Monotonic time from which the command of zero is assumed.
+            commanded_ns: Monotonic time from which the command of zero is assumed; the time of the last command if
+                that is later, so that the first command keeps the acceleration limit.
         """
-        self.commanded_ns = commanded_ns
+        self.commanded_ns = max(commanded_ns, self.commanded_ns)
         self._smith_predictor.reset(time_ns)
         self._ik.solution = None
         self._integral.reset()
         self.solver.reset()
         self.task_scale, self.truncated = 1.0, False
+
+    def slowing(self) -> str:
+        """Status text that names the joints whose last command exceeds a lowered velocity limit; empty for none."""
+        exceeding = self.solver.exceeding(self.velocity)
+        if not exceeding.any():
+            return ""
+        names = ", ".join(name for name, value in zip(self._robot.joints, exceeding, strict=True) if value)
+        return f"a velocity limit was lowered; reduced to it within the acceleration limit: {names}"
+
+    def slowed(self, velocity: Array, now: Instant) -> Array:
+        """``velocity`` (n,) of a ramp, rad/s (m/s), within the velocity limits; see ``lower_velocity_limits``."""
+        self.solver.lower_velocity_limits(self.velocity, (now.monotonic_ns - self.commanded_ns) / NS)
+        limit = self.solver.limits.velocity
+        return np.minimum(np.maximum(velocity, -limit), limit)
 
     def command(self, velocity: Array, time_ns: int) -> None:
         """Records a command (n,), rad/s (m/s), given at a monotonic time, from this or another source."""
@@ -158,6 +174,8 @@ class VelocityController:
         to_middle_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
         elapsed_s = (now.monotonic_ns - self.commanded_ns) / NS
         q_middle = extrapolated(position, self.velocity, to_middle_s)
+        self._slowing = self.slowing()
+        self.solver.lower_velocity_limits(self.velocity, elapsed_s)
         arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
@@ -190,6 +208,12 @@ class VelocityController:
             found.append("a command was held for longer than hold_periods")
         if not self._ik.converged:
             found.append("inverse kinematics found no solution near the last one")
+        if self._slowing:
+            found.append(self._slowing)
+        unlimited = np.isinf(solver.limits.velocity)
+        if unlimited.any():
+            names = ", ".join(name for name, value in zip(self._robot.joints, unlimited, strict=True) if value)
+            found.append(f"no velocity limit in the URDF or limits.velocity: {names}")
         if solver.without_effect:
             found.append(solver.without_effect)
         if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:

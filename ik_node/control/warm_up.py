@@ -13,7 +13,7 @@ import numpy as np
 
 from ik_node.control.controller import Controller
 from ik_node.differential_ik.manipulability import manipulability_potential
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, SettingsError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import (
     JointSample,
@@ -53,7 +53,10 @@ def warm_up(robot: Robot, settings: Settings) -> int:
     count = compilation_count()
     run = _SimulatedRun(robot, settings)
     for method in METHOD_NAMES:
-        run.change({"method": method, "control_law": "twist_feedback"})
+        try:
+            run.change({"method": method, "control_law": "twist_feedback"})
+        except SettingsError:  # a massless arm can use one method only
+            continue
         run.obstacle(0.1)
         run.stream(OUT_OF_REACH_M, 2)
     run.stream(0.001, SAMPLES)
@@ -96,8 +99,9 @@ class _SimulatedRun:
 
     def change(self, values: dict[str, Value]) -> None:
         """Applies changed settings."""
-        self._settings = self._settings.with_values(values)
-        self._controller.apply(self._settings)
+        settings = self._settings.with_values(values)
+        self._controller.apply(settings)
+        self._settings = settings
 
     def _run_steps(self, count: int = STEPS) -> None:
         for _ in range(count):

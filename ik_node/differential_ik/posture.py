@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ik_node.collision.avoidance import Potential
+from ik_node.errors import SettingsError
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ObstacleSettings
@@ -39,12 +40,21 @@ def posture_potential(robot: Robot, q: Array, posture: Array, stiffness: float) 
     return Potential(0.5 * stiffness * float(offset @ offset), stiffness * offset)
 
 
+def check_posture(robot: Robot, settings: ObstacleSettings) -> None:
+    """Raises SettingsError when ``obstacles.posture`` has neither one value nor one per joint."""
+    count = len(settings.posture)
+    if count not in (0, 1, robot.n):
+        order = ", ".join(robot.joints)
+        raise SettingsError(f"obstacles.posture has {count} values; expected 1 or {robot.n}, in the order {order}")
+
+
 def secondary_gradient(robot: Robot, q: Array, settings: ObstacleSettings) -> Array | None:
     """Sum of the gradients of joint centering and posture at q (n,), (n,), N m (N); None if neither is configured."""
     total = None
     if settings.centring > 0.0:
         total = joint_centering(robot, q, settings.centring).gradient
-    if settings.posture_weight > 0.0 and len(settings.posture) == robot.n:
-        pull = posture_potential(robot, q, np.array(settings.posture), settings.posture_weight).gradient
+    if settings.posture_weight > 0.0 and settings.posture:
+        posture = np.broadcast_to(settings.posture, robot.n)
+        pull = posture_potential(robot, q, posture, settings.posture_weight).gradient
         total = pull if total is None else total + pull
     return total

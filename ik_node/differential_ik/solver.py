@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ik_node.collision.avoidance import AvoidanceTerms
 from ik_node.collision.distances import ClosestPair
@@ -16,8 +17,8 @@ from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
-from ik_node.differential_ik.methods import METHODS
-from ik_node.differential_ik.posture import secondary_gradient
+from ik_node.differential_ik.methods import METHODS, check_masses
+from ik_node.differential_ik.posture import check_posture, secondary_gradient
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.errors import InputError
@@ -76,9 +77,14 @@ class DifferentialIkSolver:
         """Replaces the settings.
 
         Raises:
-            SettingsError: The limits do not fit the robot; nothing has changed then.
+            SettingsError: The limits do not fit the robot, or the method needs masses that it does not have; nothing
+                has changed then.
         """
-        self.limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
+        check_masses(settings.control.method, self._robot)
+        limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
+        check_posture(self._robot, settings.obstacles)
+        self.limits = limits
+        self._velocity_limit = limits.velocity
         self.collision_monitor.configure(settings.obstacles)
         self._control = settings.control
         self._obstacles = settings.obstacles
@@ -88,6 +94,29 @@ class DifferentialIkSolver:
         fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
         self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
         self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
+        self._per_joint = stacked_limits(self.limits, self._null_space_cap)
+
+    def exceeding(self, velocity: Array) -> NDArray[np.bool_]:
+        """(n,), bool: joints whose velocity (n,), rad/s (m/s), is over a velocity limit that was lowered."""
+        return np.asarray(np.abs(velocity) > self._velocity_limit + ROUNDING)
+
+    def lower_velocity_limits(self, previous: Array, elapsed_s: float) -> None:
+        """Sets the velocity limits of the next command: those of the settings, unless the last command exceeds them.
+
+        A limit that was lowered below the last command is approached at the acceleration limit; the other joints keep
+        theirs.
+
+        Args:
+            previous: Last command, (n,), rad/s (m/s).
+            elapsed_s: Time since the last command, s.
+        """
+        limit, exceeding = self._velocity_limit, self.exceeding(previous)
+        if exceeding.any():
+            change = largest_change(self.limits.acceleration, elapsed_s, self.limits.dt_max_s)
+            limit = np.where(exceeding, np.maximum(limit, np.abs(previous) - change), limit)
+        elif self.limits.velocity is limit:
+            return
+        self.limits = self.limits._replace(velocity=limit)
         self._per_joint = stacked_limits(self.limits, self._null_space_cap)
 
     def capture(self) -> SolverSnapshot:
@@ -111,6 +140,8 @@ class DifferentialIkSolver:
                 return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
             if self._robot.n <= 6:
                 return f"{name} has no effect: an arm of six joints has no null space"
+        if self._obstacles.posture_weight > 0.0 and not self._obstacles.posture:
+            return "obstacles.posture_weight has no effect: obstacles.posture is empty"
         return ""
 
     def solve_twist(self, state: ArmState, twist_b: Array) -> DifferentialIkSolution:

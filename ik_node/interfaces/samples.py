@@ -6,6 +6,11 @@ from typing import NamedTuple
 
 from ik_node.math.types import Array
 
+MAX_POSES = 2000
+"""Poses of a path or points of a trajectory; longer ones are refused. Decoding and preparing them takes about 30 ms."""
+FARTHEST_M = 100.0
+"""Positions and sizes above this are refused: no arm reaches so far, and numbers of 1e160 overflow when squared."""
+
 
 class JointSample(NamedTuple):
     """Measured joint positions."""
@@ -100,3 +105,10 @@ def frames_of(sample: object) -> tuple[str, ...]:
     if isinstance(sample, tuple) and not isinstance(sample, JointSample):
         return tuple(dict.fromkeys(frame for one in sample for frame in frames_of(one)))
     return ()
+
+
+def stamp_of(sample: object) -> int:
+    """ROS time, in ns, at which the frames of a target or of obstacles are wanted; 0 means the newest."""
+    first = sample[0] if isinstance(sample, tuple) and sample and isinstance(sample[0], ObstacleSample) else sample
+    # The times of a path or trajectory lie ahead; tf has no transform for them.
+    return first.stamp_ns if isinstance(first, (PoseSample, ObstacleSample, TwistSample)) else 0

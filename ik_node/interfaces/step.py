@@ -51,6 +51,13 @@ class Status(NamedTuple):
     mode: Mode
     reason: str
 
+    def with_warning(self, text: str) -> Status:
+        """This status with ``text`` added, at level WARN at least; unchanged for an empty text."""
+        if not text:
+            return self
+        level = self.level if self.level is Level.ERROR else Level.WARN
+        return Status(level, self.mode, f"{self.reason}; {text}")
+
 
 class Kind(Enum):
     """Type and shape of a field of :class:`Step`; n is the number of controlled joints."""

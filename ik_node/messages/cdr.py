@@ -8,6 +8,8 @@ compares both with the serialiser of ROS).
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,12 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 
 LITTLE_ENDIAN = b"\x00\x01"
 """First two bytes of a plain CDR message with little-endian numbers."""
+BIG_ENDIAN = b"\x00\x00"
+"""The same with big-endian numbers."""
+_ORDERS = {
+    LITTLE_ENDIAN: (struct.Struct("<I"), struct.Struct("<iI"), np.dtype("<f8")),
+    BIG_ENDIAN: (struct.Struct(">I"), struct.Struct(">iI"), np.dtype(">f8")),
+}
 _STAMP_OFFSET = 4  # stamped messages start with a Header, and a Header starts with its stamp
 _STAMP_END = 12
 _SENTINEL = 1.0e-300 / 3.0  # a number that occurs nowhere else in a template
@@ -114,24 +122,42 @@ def floats_at(data: bytes, size: int, offset: int) -> Array:
 
 
 class Cursor:
-    """Reads the fields of a little-endian CDR message in order; struct.error or ValueError beyond its end."""
+    """Reads the fields of a CDR message of either byte order in their sequence.
+
+    Reading beyond the end raises struct.error or ValueError; :func:`reading` turns both into InputError.
+    """
 
     def __init__(self, data: bytes, offset: int = _STAMP_OFFSET) -> None:
         self.data = data
         self.offset = offset
+        if data[:2] not in (LITTLE_ENDIAN, BIG_ENDIAN):
+            raise ValueError("the first two bytes are not those of plain CDR")
+        self._count, self._time, self._double = _ORDERS[data[:2]]
 
     def stamp(self) -> int:
-        """builtin_interfaces/Time as ns."""
-        stamp_ns = stamp_at(self.data, self.offset)
+        """builtin_interfaces/Time or Duration as ns."""
+        self.offset += -self.offset % 4
+        seconds, nanoseconds = self._time.unpack_from(self.data, self.offset)
         self.offset += 8
-        return stamp_ns
+        return int(seconds) * NS + int(nanoseconds)
 
     def count(self) -> int:
-        """The length of a sequence or string."""
+        """The length of a sequence or string, or another unsigned number of 32 bits."""
         self.offset += -self.offset % 4
-        (value,) = struct.unpack_from("<I", self.data, self.offset)
+        (value,) = self._count.unpack_from(self.data, self.offset)
         self.offset += 4
         return int(value)
+
+    def bounded_count(self, limit: int, what: str) -> int:
+        """:meth:`count` of a sequence of ``what``; raises InputError above ``limit``, before the sequence is read."""
+        if (value := self.count()) > limit:
+            raise InputError(f"{value} {what}; at most {limit} are accepted")
+        return value
+
+    def check_size(self, limit: int) -> None:
+        """Raises InputError when the whole message is longer than ``limit`` bytes."""
+        if len(self.data) > limit:
+            raise InputError(f"a message of {len(self.data)} bytes; at most {limit} are accepted")
 
     def string(self) -> str:
         """A string without its terminating zero."""
@@ -143,11 +169,33 @@ class Cursor:
         self.offset = end
         return text
 
+    def skip(self, size: int, alignment: int, count: int = 1) -> None:
+        """Passes ``count`` fields of ``size`` bytes without reading them."""
+        if count:
+            self.offset += (4 - self.offset) % alignment + size * count
+        if self.offset > len(self.data):
+            raise ValueError("a sequence exceeds the message")
+
     def floats(self, size: int) -> Array:
         """A new array of ``size`` float64 numbers."""
         if size == 0:
             return np.empty(0)
         self.offset += (4 - self.offset) % 8  # 8-byte alignment relative to the end of the 4-byte encapsulation header
-        values = floats_at(self.data, size, self.offset)
+        values = np.frombuffer(self.data, self._double, size, self.offset).astype(np.float64)
         self.offset += 8 * size
         return values
+
+
+@contextmanager
+def reading(data: bytes, type_name: str) -> Iterator[Cursor]:
+    """A cursor behind the encapsulation header of a message.
+
+    Raises:
+        InputError: Reading raised struct.error or ValueError; names the type.
+    """
+    try:
+        yield Cursor(data)
+    except InputError:
+        raise
+    except (struct.error, ValueError) as error:
+        raise InputError(f"bytes are no {type_name}: {error}") from error

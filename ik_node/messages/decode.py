@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import struct
 from typing import NamedTuple
 
-import numpy as np
-
-from ik_node.errors import InputError
 from ik_node.interfaces.samples import JointSample
 from ik_node.math.types import Array
-from ik_node.messages.cdr import LITTLE_ENDIAN, Cursor, deserialize, floats_at, stamp_at, stamp_of
+from ik_node.messages.cdr import LITTLE_ENDIAN, deserialize, floats_at, reading, stamp_at
 
 
 class _Head(NamedTuple):
@@ -25,6 +21,13 @@ class _Head(NamedTuple):
 
 
 COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
+STATE_TYPE = "sensor_msgs/msg/JointState"
+MAX_JOINTS = 256
+"""Names or positions of one message: a humanoid with two hands has about 80 joints."""
+MAX_STATE_BYTES = 65_536
+"""Size of a joint state: 256 joints with names of 200 bytes, positions, velocities and efforts."""
+MAX_COMMAND_BYTES = 4_096
+"""Size of a command: 256 numbers and a layout."""
 _HEAD_BEGIN = 12
 _MAX_HEADS = 64
 _heads: dict[int, _Head] = {}  # message length -> last head; a cache that does not affect the result
@@ -37,33 +40,25 @@ def decode_joint_state(data: bytes) -> JointSample:
         data: CDR bytes of a sensor_msgs/JointState; velocities and efforts are ignored.
 
     Raises:
-        InputError: The bytes are no such message.
+        InputError: The bytes are no such message, or it has more than :data:`MAX_JOINTS` names or positions.
     """
-    if data[:2] != LITTLE_ENDIAN:
-        message = deserialize(data, "sensor_msgs/msg/JointState")
-        return JointSample(stamp_of(message), tuple(message.name), np.array(message.position, dtype=np.float64))
     head = _heads.get(len(data))
-    if head is not None and data.startswith(head.data, _HEAD_BEGIN):
+    if head is not None and data[:2] == LITTLE_ENDIAN and data.startswith(head.data, _HEAD_BEGIN):
         return JointSample(stamp_at(data), head.names, floats_at(data, head.size, head.begin))
-    try:
-        return _read_joint_state(data)
-    except (struct.error, ValueError) as error:
-        raise InputError(f"bytes are no sensor_msgs/msg/JointState: {error}") from error
-
-
-def _read_joint_state(data: bytes) -> JointSample:
-    cursor = Cursor(data)
-    stamp_ns = cursor.stamp()
-    cursor.string()
-    names = tuple(cursor.string() for _ in range(cursor.count()))
-    size = cursor.count()
-    head = data[_HEAD_BEGIN : cursor.offset]
-    sample = JointSample(stamp_ns, names, cursor.floats(size))
-    if size:
-        if len(_heads) >= _MAX_HEADS:
-            _heads.clear()
-        _heads[len(data)] = _Head(head, names, size, cursor.offset - 8 * size)
-    return sample
+    with reading(data, STATE_TYPE) as cursor:
+        stamp_ns = cursor.stamp()
+        cursor.string()
+        count = cursor.bounded_count(MAX_JOINTS, "joint names")
+        cursor.check_size(MAX_STATE_BYTES)
+        names = tuple(cursor.string() for _ in range(count))
+        size = cursor.bounded_count(MAX_JOINTS, "joint positions")
+        begin = data[_HEAD_BEGIN : cursor.offset]
+        sample = JointSample(stamp_ns, names, cursor.floats(size))
+        if size and data[:2] == LITTLE_ENDIAN:
+            if len(_heads) >= _MAX_HEADS:
+                _heads.clear()
+            _heads[len(data)] = _Head(begin, names, size, cursor.offset - 8 * size)
+        return sample
 
 
 def decode_string(data: bytes) -> str:
@@ -72,14 +67,11 @@ def decode_string(data: bytes) -> str:
 
 
 def decode_command(data: bytes) -> Array:
-    """The flat numbers of a std_msgs/Float64MultiArray; raises InputError for other bytes."""
-    if data[:2] != LITTLE_ENDIAN:
-        return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
-    try:
-        cursor = Cursor(data)
-        if cursor.count():  # with a layout, which is rare: general deserialiser
-            return np.array(deserialize(data, COMMAND_TYPE).data, dtype=np.float64)
-        cursor.count()  # data_offset, unused without a layout
-        return cursor.floats(cursor.count())
-    except (struct.error, ValueError) as error:
-        raise InputError(f"bytes are no {COMMAND_TYPE}: {error}") from error
+    """The flat numbers of a std_msgs/Float64MultiArray; raises InputError for other bytes and for long messages."""
+    with reading(data, COMMAND_TYPE) as cursor:
+        cursor.check_size(MAX_COMMAND_BYTES)
+        for _ in range(cursor.count()):  # dimensions of the layout, which are rare
+            cursor.string()
+            cursor.skip(4, 4, 2)
+        cursor.count()  # data_offset
+        return cursor.floats(cursor.bounded_count(MAX_JOINTS, "numbers"))

@@ -67,6 +67,7 @@ class CallKind(IntEnum):
     ON_TARGET_TWIST = 12
     ON_PUBLISHERS = 13
     ON_TRANSFORM = 14
+    ON_INPUT_NOTE = 15
 
 
 _KINDS = {int(kind): kind for kind in CallKind}

@@ -54,7 +54,13 @@ INPUTS: Mapping[CallKind, Input] = {
 }
 """Calls that take a message."""
 
-TEXT_CALLS = (CallKind.ON_LISTENERS, CallKind.ON_PUBLISHERS, CallKind.ON_TRANSFORM, CallKind.PAUSE)
+TEXT_CALLS = (
+    CallKind.ON_LISTENERS,
+    CallKind.ON_PUBLISHERS,
+    CallKind.ON_TRANSFORM,
+    CallKind.ON_INPUT_NOTE,
+    CallKind.PAUSE,
+)
 """Calls that take a text."""
 
 INPUT_TYPES: Mapping[str, str] = {entry.name: entry.type_name for entry in INPUTS.values()}

@@ -37,6 +37,7 @@ CALL_TABLE: Mapping[CallKind, TableEntry] = {
     CallKind.ON_LISTENERS: TableEntry(lambda controller, count, now: controller.on_listeners(int(count), now)),
     CallKind.ON_PUBLISHERS: TableEntry(Controller.on_publishers),
     CallKind.ON_TRANSFORM: TableEntry(Controller.on_transform),
+    CallKind.ON_INPUT_NOTE: TableEntry(Controller.on_input_note),
     CallKind.PAUSE: TableEntry(lambda controller, reason, now: controller.pause(now, reason)),
     # Settings as argument:
     CallKind.APPLY: TableEntry(lambda controller, settings, now: controller.apply(settings)),

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from ik_node.errors import InputError
 from ik_node.interfaces.clock import NS
@@ -113,23 +112,6 @@ def make_variants(recorded: Settings, methods: Sequence[str], changes: Mapping[s
     variants = [Variant(f"{name}, {rest}" if rest else name, {"method": name, **changes}) for name in names]
     variants = variants or [Variant(rest, dict(changes))]
     return tuple(variant for variant in variants if recorded.with_values(variant.changes) != recorded)
-
-
-def parse_assignment(assignment: str) -> tuple[str, Value]:
-    """Parses ``name=value`` with a YAML value.
-
-    Raises:
-        InputError: The text is no assignment.
-        SettingsError: There is no such parameter, or the value is invalid.
-    """
-    name, equals, text = assignment.partition("=")
-    try:
-        value = yaml.safe_load(text) if equals else None
-    except yaml.YAMLError:
-        value = None
-    if value is None:
-        raise InputError(f"'{assignment}' is no assignment; expected NAME=VALUE")
-    return name, Settings().with_values({name: value}).flat()[name]
 
 
 def _shown(value: Value) -> str:

@@ -2,7 +2,7 @@
 
 :func:`.catalogue.load_robot` loads a robot by name (example-robot-data), from a URDF file or from URDF text:
 
-    URDF -> (tool: optional tool link) -> reduced_model (fixes all other joints), mimic -> robot.Robot
+    URDF -> description (checks; tool: optional tool link) -> reduced_model (fixes other joints), mimic -> robot.Robot
 
 :class:`.robot.Robot` gives pose and body Jacobian (records in :mod:`.kinematics`), mass matrix and gravity at joint
 positions q. :class:`.screw_chain.ScrewChain` has the same interface for arms defined by screw axes.

@@ -46,9 +46,12 @@ class Frames:
             self.transforms[frame] = se3.pose_from(values[:3], values[3:], f"transform of '{frame}'")
 
     def checked(self, frame: str) -> str:
-        """Returns ``frame``; raises InputError listing the known frames."""
+        """Returns ``frame``, or the base frame if it is empty; raises InputError listing the known frames."""
+        if not frame:
+            return self._robot.base_frame
         if frame not in self._robot.frames and frame not in self.transforms:
-            valid = sorted({*self._robot.frames, *self.transforms})
+            hidden = {"universe", *self._robot.joints}  # not frames that a target is given in
+            valid = sorted({*self._robot.frames, *self.transforms} - hidden)
             raise InputError(f"unknown frame '{frame}'; valid: {', '.join(valid)}")
         return frame
 
@@ -64,7 +67,8 @@ class Frames:
         Raises:
             InputError: The frame is unknown (lists the known frames), or no joint positions have been measured yet.
         """
-        if self.checked(frame) in self.transforms:
+        frame = self.checked(frame)
+        if frame in self.transforms:
             return self.transforms[frame]
         if frame == self._robot.base_frame:
             return np.eye(4)
@@ -86,7 +90,7 @@ class Frames:
             InputError: Position or quaternion are not a pose, or the frame has no pose.
         """
         pose = se3.pose_from(sample.position, sample.quaternion, what)
-        frame = sample.frame_id
+        frame = sample.frame_id or self._robot.base_frame
         if frame == self._robot.base_frame and frame not in self.transforms:  # the usual case
             return pose
         return np.asarray(self.pose(frame) @ pose)

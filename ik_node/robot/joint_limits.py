@@ -22,12 +22,17 @@ the excess and not faster than ``recovery_speed``. Where the intervals do not in
 limits), the position limit is relaxed before the acceleration limit, and that before the velocity limit, each by the
 least amount.
 
-:func:`urdf_limits` also decides what counts as no limit in a URDF: a velocity limit of 0, and position limits without
-a range.
+A velocity limit that is lowered below the last command is approached at the acceleration limit
+(``DifferentialIkSolver.lower_velocity_limits``); otherwise no command exceeds the limit in force.
+
+The limits of a URDF count as none only where it says so: a continuous joint has no position limits, and without
+<limit> no velocity limit. Every other velocity limit of 0 or less, and position limits with lower >= upper, are
+:class:`LimitFault` s, which :func:`motion_limits` refuses unless the settings give the value.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -36,6 +41,7 @@ from numpy.typing import ArrayLike
 from ik_node.errors import SettingsError
 from ik_node.jit import compiled, elementwise
 from ik_node.math.types import Array
+from ik_node.robot.description import JointRecord
 from ik_node.robot.kinematics import JointLimits
 from ik_node.settings.groups import LimitSettings
 
@@ -44,6 +50,16 @@ ROUNDING = 1e-9
 
 UNBOUNDED = 1e6
 """Larger distances to a position limit, rad or m, are set to this value."""
+
+
+class LimitFault(NamedTuple):
+    """A limit of the URDF that cannot be meant."""
+
+    joint: str
+    quantity: str
+    """``velocity`` or ``position``."""
+    text: str
+    """Names the joint and the limit."""
 
 
 class LimitedArm(Protocol):
@@ -60,6 +76,10 @@ class LimitedArm(Protocol):
     @property
     def limits(self) -> JointLimits:
         """Limits of the URDF."""
+
+    @property
+    def limit_faults(self) -> tuple[LimitFault, ...]:
+        """Limits of the URDF that cannot be meant; infinite in ``limits``."""
 
 
 class MotionLimits(NamedTuple):
@@ -113,6 +133,48 @@ def urdf_limits(lower: Array, upper: Array, velocity: Array) -> JointLimits:
     )
 
 
+def limit_faults(joints: Mapping[str, JointRecord]) -> tuple[LimitFault, ...]:
+    """Finds the limits of a URDF that cannot be meant.
+
+    Args:
+        joints: Controlled joints by the name that settings and messages use.
+
+    Returns:
+        The faults, in the order of the joints.
+    """
+    faults = []
+    for name, joint in joints.items():
+        if joint.type == "continuous" and joint.limit is None:
+            continue
+        given = {} if joint.limit is None else joint.limit
+        velocity, lower, upper = (_number(given.get(key, "0")) for key in ("velocity", "lower", "upper"))
+        if not velocity > 0.0:
+            text = f"joint '{name}' has velocity limit {velocity:g} in the URDF"
+            faults.append(LimitFault(name, "velocity", text))
+        if joint.type != "continuous" and not lower < upper:
+            text = f"joint '{name}' has position limits {lower:g} to {upper:g} in the URDF"
+            faults.append(LimitFault(name, "position", text))
+    return tuple(faults)
+
+
+def _number(text: str) -> float:
+    """The number in a text, NaN for none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _refuse(faults: Iterable[LimitFault], settings: LimitSettings) -> None:
+    """Raises SettingsError for the faults of the URDF whose values the settings do not give."""
+    given = {"velocity": bool(settings.velocity), "position": bool(settings.position_lower and settings.position_upper)}
+    needed = {"velocity": "limits.velocity", "position": "limits.position_lower and limits.position_upper"}
+    open_faults = [fault for fault in faults if not given[fault.quantity]]
+    if open_faults:
+        names = " and ".join(dict.fromkeys(needed[fault.quantity] for fault in open_faults))
+        raise SettingsError(f"{', '.join(fault.text for fault in open_faults)}; set {names}")
+
+
 def motion_limits(robot: LimitedArm, settings: LimitSettings, rate_hz: float) -> MotionLimits:
     """Limits of a robot: those of the settings where given, else those of the URDF.
 
@@ -125,9 +187,10 @@ def motion_limits(robot: LimitedArm, settings: LimitSettings, rate_hz: float) ->
         The limits.
 
     Raises:
-        SettingsError: A list matches neither the number of joints nor has one value, or the position limits leave no
-            range; names the parameter.
+        SettingsError: A list matches neither the number of joints nor has one value, the position limits leave no
+            range, or a limit is a fault of the URDF and not given; names the parameter.
     """
+    _refuse(robot.limit_faults, settings)
     lower = _per_joint(settings.position_lower, robot, "limits.position_lower", robot.limits.lower)
     upper = _per_joint(settings.position_upper, robot, "limits.position_upper", robot.limits.upper)
     velocity = _per_joint(settings.velocity, robot, "limits.velocity", robot.limits.velocity)
@@ -136,7 +199,8 @@ def motion_limits(robot: LimitedArm, settings: LimitSettings, rate_hz: float) ->
     for name, low, high in zip(robot.joints, lower.tolist(), upper.tolist(), strict=True):
         if not low < high:
             raise SettingsError(
-                f"joint '{name}' has no range within its position limits and limits.position_margin: {low:g}, {high:g}"
+                f"joint '{name}' has no range between limits.position_lower and limits.position_upper less "
+                f"limits.position_margin: {low:g} to {high:g}; valid: lower < upper"
             )
     return MotionLimits(
         lower,

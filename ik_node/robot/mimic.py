@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -38,24 +37,22 @@ class MimicMap(NamedTuple):
     """b, (m,), rad (m)."""
 
 
-def read_mimics(urdf: str) -> dict[str, Mimic]:
-    """Mimic joints of a URDF by name; a chain of mimic joints is resolved to its last master.
+def read_mimics(tags: Mapping[str, Mapping[str, str]]) -> dict[str, Mimic]:
+    """Mimic joints by name; a chain of mimic joints is resolved to its last master.
 
-    Masters are not checked for existence, because URDFs name joints that do not exist. Raises RobotError naming the
-    joint when it mimics itself, or its multiplier or offset is not a number.
+    Masters are not checked for existence, because URDFs name joints that do not exist.
+
+    Args:
+        tags: Name of each mimic joint -> attributes of its <mimic> element.
+
+    Raises:
+        RobotError: A joint mimics itself, or its multiplier or offset is not a finite number; names the joint.
     """
-    if "<mimic" not in urdf:
-        return {}
-    try:
-        root = ElementTree.fromstring(urdf.strip().encode())
-    except ElementTree.ParseError as error:
-        raise RobotError(f"robot_description is not XML: {error}") from error
-    joints = {str(joint.get("name")): joint.find("mimic") for joint in root.findall("joint")}
-    mimics = {name: _read(name, tag) for name, tag in joints.items() if tag is not None}
+    mimics = {name: _read(name, tag) for name, tag in tags.items()}
     return {name: _resolved(name, mimics) for name in mimics}
 
 
-def _read(name: str, tag: ElementTree.Element) -> Mimic:
+def _read(name: str, tag: Mapping[str, str]) -> Mimic:
     try:
         multiplier, offset = (float(tag.get(key, usual)) for key, usual in (("multiplier", "1"), ("offset", "0")))
     except ValueError as error:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import tempfile
+import threading
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,18 +15,55 @@ import pinocchio as pin
 
 from ik_node.errors import RobotError, UnknownNameError
 from ik_node.math.types import Array
+from ik_node.robot.description import Description
 from ik_node.robot.mimic import Mimic
 
+_stderr_lock = threading.Lock()
 
-def read(urdf: str) -> Any:
-    """Complete model of a URDF text; raises RobotError when it is invalid."""
+
+def read(description: Description) -> Any:
+    """Complete model of a description; raises RobotError with the reasons of urdfdom and Pinocchio when it is invalid.
+
+    urdfdom gives its reasons on the standard error output only.
+    """
+    printed: list[str] = []
     try:
-        return pin.buildModelFromXML(urdf)
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(f"robot_description is not a valid URDF: {error}") from error
+        with _stderr_captured(printed):
+            model = pin.buildModelFromXML(description.text)
+    except Exception as error:  # whatever C++ raises
+        lines = [line.strip() for line in printed]
+        reasons = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+        reason = "; ".join(reasons or [" ".join(str(error).split())])
+        raise RobotError(f"robot_description is not a valid URDF: {reason}") from error
+    if printed:
+        os.write(2, "".join(printed).encode())
+    for frame in model.frames:
+        if not np.isfinite(frame.placement.homogeneous).all():
+            raise RobotError(f"robot_description is not a valid URDF: the pose of '{frame.name}' is not finite")
+    return model
 
 
-def held_at(full: Any, mimics: dict[str, Mimic]) -> Array:
+@contextlib.contextmanager
+def _stderr_captured(printed: list[str]) -> Iterator[None]:
+    """Appends to ``printed`` the lines that are written to the standard error output, by C++ too."""
+    with _stderr_lock, contextlib.ExitStack() as stack:
+        try:
+            usual = os.dup(2)
+        except OSError:  # the process has no standard error output
+            yield
+            return
+        stack.callback(os.close, usual)
+        file = stack.enter_context(tempfile.TemporaryFile())
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(usual, 2)
+            file.seek(0)
+            printed.extend(file.read().decode(errors="replace").splitlines(keepends=True))
+
+
+def held_at(full: Any, mimics: Mapping[str, Mimic]) -> Array:
     """Neutral configuration, with mimic joints at their offset."""
     configuration: Array = pin.neutral(full)
     for name, mimic in mimics.items():
@@ -42,7 +84,10 @@ def reduced(full: Any, held: list[int], configuration: Array) -> Any:
     """
     count = Counter(frame.name for frame in full.frames)
     _rename_joints(full, {name: f"{name} (joint)" for name in count if count[name] > 1})
-    reduced = pin.buildReducedModel(full, held, configuration)
+    try:
+        reduced = pin.buildReducedModel(full, held, configuration)
+    except Exception as error:  # whatever C++ raises
+        raise RobotError(f"the joints that are not controlled cannot be fixed: {error}") from error
     _rename_joints(reduced, {f"{name} (joint)": name for name in count if count[name] > 1})
     return reduced
 
@@ -77,7 +122,7 @@ def longest_chain_tip(model: Any) -> str:
     return str(bodies[-1].name)
 
 
-def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: dict[str, Mimic]) -> tuple[str, ...]:
+def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """Names of the controlled joints; raises RobotError or UnknownNameError naming what cannot be controlled."""
     base_joint = model.frames[frame_id(model, base)].parentJoint
     tip_joint = model.frames[frame_id(model, tip)].parentJoint
@@ -86,7 +131,8 @@ def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: 
     below_base = [model.names[index] for index in base_chain if index not in tip_chain]
     if below_base:
         moving = ", ".join(below_base)
-        raise RobotError(f"base frame '{base}' is not between the root and tip frame '{tip}': joints {moving} move it")
+        text = f"base frame '{base}' is not between the root and tip frame '{tip}': joints {moving} move it"
+        raise RobotError(text if chain else f"{text}; exchange base frame and tip frame")
     movable = {model.names[index]: index for index in range(1, model.njoints)}
     for name in requested:
         if name not in movable:
@@ -112,7 +158,7 @@ def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: 
     return selected
 
 
-def _moving(model: Any, chain: list[str], mimics: dict[str, Mimic]) -> tuple[str, ...]:
+def _moving(model: Any, chain: list[str], mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """``chain`` with mimic joints replaced by their masters, without joints that the URDF fixes."""
     masters: dict[str, None] = {}
     for name in chain:

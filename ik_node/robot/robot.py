@@ -17,9 +17,10 @@ from ik_node.errors import RobotError
 from ik_node.jit import compiled
 from ik_node.math.angles import joint_differences
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import urdf_limits
+from ik_node.robot.description import read_description
+from ik_node.robot.joint_limits import limit_faults, urdf_limits
 from ik_node.robot.kinematics import Dynamics, JointLimits, Kinematics
-from ik_node.robot.mimic import master_range, mimic_map, read_mimics
+from ik_node.robot.mimic import master_range, mimic_map
 from ik_node.robot.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
 
 GRAVITY = 9.81
@@ -49,12 +50,14 @@ class Robot:
             UnknownNameError: A frame or joint does not exist; lists the valid names.
             RobotError: The URDF is invalid, there is no joint to control, or controlled joints move the base.
         """
-        full = read(urdf)
+        self.description = read_description(urdf)
+        """Checked description; :attr:`urdf` is the text as it was given."""
+        full = read(self.description)
         self.base_frame = base_frame or root_frame(full)
         frame_id(full, self.base_frame)
         self.tip_frame = tip_frame or longest_chain_tip(full)
         wanted = tuple(strip(name, joint_prefix) for name in joints)
-        mimics = read_mimics(urdf)
+        mimics = self.description.mimics
         model_joints = select(full, self.base_frame, self.tip_frame, wanted, mimics)
         names = list(full.names)[1:]
         self._followers = {
@@ -100,6 +103,10 @@ class Robot:
         self._pose_base_root = np.ascontiguousarray(self.data.oMf[self._base_id].inverse().homogeneous)
         self._base_is_root = bool((self._pose_base_root == np.eye(4)).all())
         self.limits = self._read_limits()
+        self.limit_faults = limit_faults(
+            {name: self.description.joints[model] for name, model in zip(self.joints, model_joints, strict=True)}
+        )
+        """Limits of the URDF that cannot be meant; infinite in :attr:`limits`."""
 
     @property
     def n(self) -> int:
@@ -245,6 +252,12 @@ class Robot:
         """(m,), bool: which moving joints (see :meth:`motion`) move the bodies attached to joint ``parent``."""
         supports = {self.model.names[index] for index in self.model.supports[parent]}
         return np.array([name in supports for name in self._moving_joints])
+
+    def moved_links(self, joint: int) -> tuple[str, ...]:
+        """Names of the links that the controlled joint of index ``joint`` moves."""
+        model, number = self.model, self.model.getJointId(self._model_joints[joint])
+        bodies = (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
+        return tuple(frame.name for frame in bodies if number in list(model.supports[frame.parentJoint]))
 
     @property
     def strokes(self) -> Array:

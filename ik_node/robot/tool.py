@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from math import atan2, sqrt
 from typing import NamedTuple
-from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 from ik_node.errors import RobotError
 from ik_node.math.se3 import pose_from
 from ik_node.math.types import Array
+from ik_node.robot.description import read_description
 
 
 class DescriptionWithTool(NamedTuple):
@@ -40,10 +40,8 @@ def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> Descripti
     if len(offset) != 7:
         raise RobotError(f"tool_offset has {len(offset)} numbers; expected 7: x y z qx qy qz qw")
     pose = pose_from(offset[:3], offset[3:], "tool_offset")
-    try:
-        links = {str(link.get("name")) for link in ElementTree.fromstring(urdf).iter("link")}
-    except ElementTree.ParseError as error:
-        raise RobotError(f"robot_description is not XML: {error}") from error
+    description = read_description(urdf)
+    links = description.masses
     name = f"{tip_frame}_tool"
     if tip_frame not in links:
         raise RobotError(f"tool_offset needs a link as tip_frame, not '{tip_frame}'; links: {', '.join(sorted(links))}")
@@ -55,7 +53,9 @@ def with_tool(urdf: str, tip_frame: str, offset: tuple[float, ...]) -> Descripti
         f'<joint name={quoteattr(name + "_joint")} type="fixed">'
         f'<parent link={quoteattr(tip_frame)}/><child link={quoteattr(name)}/><origin xyz="{xyz}" rpy="{rpy}"/></joint>'
     )
-    before, closing, after = urdf.rpartition("</robot>")
+    # The text as given keeps its comments; the checked text is for a root element with a prefix or a comment after it.
+    text = urdf if urdf.rstrip().endswith("</robot>") else description.text
+    before, closing, after = text.rpartition("</robot>")
     return DescriptionWithTool(f"{before}{addition}\n{closing}{after}", name)
 
 

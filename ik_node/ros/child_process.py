@@ -12,14 +12,21 @@ from pathlib import Path
 from types import TracebackType
 
 END_WITH_PARENT = "IK_NODE_END_WITH_PARENT"
-"""Environment variable of a process that must end with its parent."""
+"""Environment variable of a process that must end with its parent: the process id of the parent."""
 PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent_if_requested() -> None:
-    """Let Linux send SIGINT to this process when its parent ends, so that no orphan moves an arm."""
-    if os.environ.get(END_WITH_PARENT) == "1" and sys.platform == "linux":
+    """Let Linux send SIGINT to this process when its parent ends, so that no orphan moves an arm.
+
+    Raises:
+        SystemExit: The parent had ended before Linux was asked.
+    """
+    parent = os.environ.get(END_WITH_PARENT, "")
+    if parent and sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        if str(os.getppid()) != parent:
+            raise SystemExit("error: the parent process has ended")
 
 
 class NodeProcess:
@@ -32,7 +39,7 @@ class NodeProcess:
         with log.open("wb") as output:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", module, "--ros-args", *arguments],
-                env={**os.environ, **environment, END_WITH_PARENT: "1"},
+                env={**os.environ, **environment, END_WITH_PARENT: str(os.getpid())},
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
@@ -49,8 +56,16 @@ class NodeProcess:
         """Exit code; None while the process runs."""
         return self._process.poll()
 
-    def stop(self, signal_number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
-        """Send a signal, and SIGKILL after ``timeout_s``; return the exit code."""
+    def stop(self, signal_number: int = signal.SIGINT, timeout_s: float | None = None) -> int:
+        """Send a signal, and wait for the end however long a ramp to zero takes.
+
+        Args:
+            signal_number: SIGINT or SIGTERM; a node ramps to zero, whatever that takes.
+            timeout_s: For tests only: SIGKILL after this time. A node that is killed leaves a velocity standing.
+
+        Returns:
+            The exit code.
+        """
         if self._process.poll() is None:
             self._process.send_signal(signal_number)
             try:

@@ -8,38 +8,46 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
+from ik_node.control.joint_states import CONTRADICTION
 from ik_node.control.warm_up import warm_up
-from ik_node.errors import IkNodeError, InputError, RecordingError
-from ik_node.interfaces.clock import Instant
-from ik_node.interfaces.samples import frames_of
+from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.samples import frames_of, stamp_of
+from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.jit import is_cold
+from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
-from ik_node.ros import parameters, qos
+from ik_node.ros import parameters, qos, start_arguments
+from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
-from ik_node.ros.transforms import Transforms
+from ik_node.ros.steady_timer import create_steady_timer
+from ik_node.ros.transforms import TransformRefused, Transforms
+from ik_node.ros.watchdog_status import WatchdogStatus
 from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
 """Topics that may have one publisher only."""
+JOINT_STATES = INPUTS[CallKind.ON_JOINT_STATE].topic
 CLOCK_PERIOD_S = 0.01
 """Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
-MAX_RAMP_S = 5.0
-"""Longest ramp to zero at the end of the process."""
+OTHER_DESCRIPTION = "another robot_description was published; it is ignored until the node is configured again"
 
 
 class IkNode(LifecycleNode):  # type: ignore[misc]
@@ -48,12 +56,15 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     It configures and activates itself unless the parameter ``autostart`` is false.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
-        parameters.declare(self)
-        about = ParameterDescriptor(description="Configure and activate without a request.", read_only=True)
-        self._autostart = bool(self.declare_parameter("autostart", True, about).value)
+        for line in start_arguments.unused_files(arguments, self.get_fully_qualified_name()):
+            self.get_logger().warning(line)
+        self._autostart = parameters.declare(self)
         self._robot_description = ""
+        self._other_description = ""
+        self._tf_warning = ""
+        self._configured_with = ""
         self._calls: RecordedController | None = None
         self._recorder = NodeRecorder(self)
         self._active = False
@@ -61,14 +72,17 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._publisher_conflict = ""
         self._transforms = Transforms(self)
         self._inputs: list[Any] = []
+        self._input_notes: dict[str, str] = {}
+        self._queue = InputQueue(lambda kind, data: self._on_input(kind, INPUTS[kind], data, self._now()))
         self._publisher = StepPublisher(self)
+        self._watchdog = WatchdogStatus(self)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/record", self._on_record)
-        self.create_timer(CLOCK_PERIOD_S, self._on_clock)
-        self.create_timer(1.0, self._on_second)
-        self.create_timer(MARKER_PERIOD_S, self._on_markers)
+        create_steady_timer(self, CLOCK_PERIOD_S, self._on_clock)
+        create_steady_timer(self, 1.0, self._on_second)
+        create_steady_timer(self, MARKER_PERIOD_S, self._on_markers)
         parameters.follow_changes(self, self._settings, self._check_settings, self._apply_settings)
         if not self._autostarted():
             raise IkNodeError("the node could not be configured; see the log above")
@@ -82,17 +96,20 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             settings = parameters.read(self)
             robot = robot_from_settings(settings.arm, self._robot_description)
             controller = Controller(robot, settings)
-            self._calls = RecordedController(controller, self._publisher.publish_step)
+            self._calls = RecordedController(controller, self._send)
+            arm = settings.arm
+            self._configured_with = "" if arm.robot or arm.robot_description else self._robot_description
+            self._check_description(robot, self._configured_with)
             self._warm_up(robot, settings)
             self._publisher.configure(robot, settings)
         except IkNodeError as error:
             self.get_logger().error(f"not configured: {error}")
             self._calls = None
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would change to the error state without a message
+        except Exception:  # rclpy would change to the error state, without a message
             self.get_logger().error(f"not configured: {traceback.format_exc()}")
             self._calls = None
-            return TransitionCallbackReturn.ERROR
+            return TransitionCallbackReturn.FAILURE  # the error state would end the node
         if settings.recording.enabled:
             try:
                 self._start_recording()
@@ -101,6 +118,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._inputs = [self._subscribe(kind) for kind in INPUTS]
         joints = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {joints}")
+        if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
+            used = f"'{robot.tip_frame}', the end of the longest chain, is used; its last joint is {robot.joints[-1]}"
+            self.get_logger().warning(f"tip_frame is not set: {used}")
         self.get_logger().info(controller.collision_monitor.pairs)
         return TransitionCallbackReturn.SUCCESS
 
@@ -141,13 +161,19 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def finish(self, executor: Any) -> None:
         """Ramp to zero and complete the recording, after a signal and before the process ends."""
         del executor
-        self._ramp_to_rest("the process is ending")
-        self._close()
+        try:
+            self._ramp_to_rest("the process is ending")
+        finally:
+            self._close()
 
     def _autostarted(self) -> bool:
         """Configure and activate once a robot is known; return False when that failed."""
         arm = parameters.read(self).arm
         is_known = bool(arm.robot or arm.robot_description or self._robot_description)
+        if self._autostart and not is_known:
+            waiting = f"waiting for robot_description on {self.resolve_topic_name('robot_description')}"
+            self.get_logger().info(waiting)
+            self._publisher.publish_status(Status(Level.OK, Mode.WAITING, waiting))
         if not (self._autostart and is_known and self._calls is None):
             return True
         is_configured = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
@@ -157,22 +183,25 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._inputs = []
+        self._input_notes = {}
+        self._queue.clear()
         self._recorder.close()
         self._publisher.delete_markers(self._now())
         self._calls = None
 
     def _ramp_to_rest(self, reason: str) -> None:
-        """Ramp to zero with clock calls: no other callback runs during this one."""
+        """Ramp to zero with clock calls, however long it takes: no other callback runs during this one."""
         if self._calls is None or not self._active:
             return
         controller = self._calls.controller
-        self._pause(reason)
-        end_s = time.monotonic() + MAX_RAMP_S
-        period_s = 2.0 / controller.settings.control.rate_hz
-        while not controller.at_rest and time.monotonic() < end_s:
-            time.sleep(period_s)
-            self._on_clock()
-        self._publisher.publish_zero()
+        try:
+            self._pause(reason)
+            period_s = 2.0 / controller.settings.control.rate_hz
+            while not controller.at_rest:
+                time.sleep(period_s)
+                self._on_clock()
+        finally:  # an exception of the ramp leaves no velocity either
+            self._publisher.publish_zero()
         self._publish_status()
 
     # --- inputs ------------------------------------------------------------------------------------------------------
@@ -182,8 +211,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         entry = INPUTS[kind]
 
         def on_bytes(data: bytes) -> None:
-            if self._active:
+            if self._active and entry.streamed:
                 self._on_input(kind, entry, data, self._now())
+            elif self._active:
+                self._queue.put(kind, data)
 
         profile = qos.STREAM if entry.streamed else qos.OUTPUT
         return self.create_subscription(message_class(entry.type_name), entry.topic, on_bytes, profile, raw=True)
@@ -194,22 +225,42 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         try:
             sample = entry.decode(data)
         except InputError as error:
-            self.get_logger().warning(f"{entry.name} dropped: {error}", throttle_duration_sec=1.0)
+            self._note_input(entry.name, f"{entry.name} refused: {error}", now)
             return
-        self._look_up_frames(sample, now)
+        self._note_input(entry.name, "", now)
         try:
+            self._look_up_frames(sample, now)
             self._calls.call(kind, now, sample, data)
+        except TransformRefused as error:
+            self._tf_warning = f"{entry.name} refused: {error}"
+            self.get_logger().warning(self._tf_warning, throttle_duration_sec=1.0)
         except IkNodeError as error:
             self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
         self._publish_status()
+
+    def _note_input(self, name: str, note: str, now: Instant) -> None:
+        """Report in log and status why an input is not used; an empty note ends the report."""
+        if note:
+            self.get_logger().warning(note, throttle_duration_sec=1.0)
+        if self._calls is not None and note != self._input_notes.get(name, ""):
+            self._input_notes[name] = note
+            self._calls.call(CallKind.ON_INPUT_NOTE, now, f"{name} {note}")
+            self._publish_status()
 
     def _look_up_frames(self, sample: object, now: Instant) -> None:
         """Pass poses from tf to the controller, of frames of a sample that are not in the robot model."""
         if self._calls is None:
             return
         robot = self._calls.controller.robot
-        unknown = [frame for frame in frames_of(sample) if frame not in robot.frames]
-        for transform in self._transforms.lookup(robot.base_frame, unknown) if unknown else ():
+        frames = frames_of(sample)
+        if "" in frames:
+            text = f"frame_id is empty; the base frame '{robot.base_frame}' is used"
+            self.get_logger().warning(text, once=True)
+        unknown = [frame for frame in frames if frame and frame not in robot.frames]
+        if not unknown:
+            return
+        self._tf_warning = ""
+        for transform in self._transforms.lookup(robot.base_frame, unknown, stamp_of(sample), now.ros_ns):
             try:
                 self._calls.call(CallKind.ON_TRANSFORM, now, transform)
             except IkNodeError as error:
@@ -217,7 +268,18 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_description(self, message: String) -> None:
         self._robot_description = message.data
-        self._autostarted()
+        if self._calls is None:
+            self._autostarted()
+        else:
+            self._check_description(self._calls.controller.robot, self._configured_with)
+            self._publish_status()
+
+    def _check_description(self, robot: Robot, configured_with: str) -> None:
+        """Warn, in log and status, when the topic has a description other than that of the robot in use."""
+        other = self._robot_description not in ("", robot.urdf, configured_with)
+        self._other_description = OTHER_DESCRIPTION if other else ""
+        if other:
+            self.get_logger().warning(OTHER_DESCRIPTION)
 
     def _on_clock(self) -> None:
         if self._calls is not None and self._active:
@@ -227,18 +289,31 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
                 self._calls.call(CallKind.ON_LISTENERS, now, self._command_subscribers)
             self._calls.call(CallKind.ON_CLOCK, now)
             self._publish_status()
+            self._queue.run()
 
     def _on_second(self) -> None:
         if self._calls is not None:
             now = self._now()
             self._check_publishers(self._calls, now)
-            status = self._recorder.with_warning(self._calls.controller.status)
-            self._recorder.record(self._publisher.publish_diagnostics(status, now, self._recorder.values()), now)
+            skipped = self._queue.take_skipped()
+            for kind, entry in INPUTS.items():
+                note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
+                self._note_input(f"{entry.name}.rate", note, now)
+            status = self._status(self._calls)
+            values = {**self._recorder.values(), "watchdog": self._watchdog.state}
+            self._recorder.record(self._publisher.publish_diagnostics(status, now, values), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
-        """Report target topics with several publishers; several drivers may publish joint states."""
+        """Report target topics with several publishers.
+
+        Several drivers may publish joint states; they are reported only if their positions contradict each other.
+        """
         counts = {topic: self.count_publishers(self.resolve_topic_name(topic)) for topic in TARGET_TOPICS}
         conflict = ", ".join(f"{count} publishers on {topic[2:]}" for topic, count in counts.items() if count > 1)
+        count = self.count_publishers(self.resolve_topic_name(JOINT_STATES))
+        if count > 1 and CONTRADICTION in calls.controller.status.reason:
+            text = f"{count} publishers on {JOINT_STATES} contradict each other"
+            conflict = f"{conflict}, {text}" if conflict else text
         if conflict != self._publisher_conflict:
             self._publisher_conflict = conflict
             calls.call(CallKind.ON_PUBLISHERS, now, conflict)
@@ -290,11 +365,27 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     # --- outputs -----------------------------------------------------------------------------------------------------
 
+    def _status(self, calls: RecordedController) -> Status:
+        status = self._recorder.with_warning(calls.controller.status)
+        return status.with_warning(self._other_description).with_warning(self._tf_warning)
+
+    def _send(self, step: Step) -> list[Outgoing]:
+        """Publish a Step and return the messages; none when the process was held up between the call and this point.
+
+        The arm may have been stopped meanwhile. The next call detects the gap and commands zero.
+        """
+        age_s = (time.monotonic_ns() - step.now.monotonic_ns) / NS
+        is_late = self._calls is not None and age_s > self._calls.controller.settings.state.timeout_s
+        return [] if is_late and step.joint_velocity.any() else self._publisher.publish_step(step)
+
     def _publish_status(self) -> None:
         if self._calls is not None:
-            message = self._publisher.publish_status(self._recorder.with_warning(self._calls.controller.status))
+            status = self._status(self._calls)
+            message = self._publisher.publish_status(status)
             if message is not None:
                 self._recorder.record(message, self._now())
+                if status.level is Level.ERROR:
+                    self.get_logger().error(f"{status.mode.value}: {status.reason}", throttle_duration_sec=1.0)
 
     def _start_recording(self) -> str:
         """Start a recording and return its folder; raises RecordingError when that is not possible."""
@@ -304,6 +395,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return self._recorder.start(self._calls, self._publisher.topics | inputs, self._now())
 
     # --- settings ----------------------------------------------------------------------------------------------------
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Change parameters; whole numbers are taken for doubles, and every refusal names the parameter."""
+        try:
+            return super().set_parameters_atomically(parameters.checked_changes(parameter_list))
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
 
     def _settings(self) -> Settings:
         return parameters.read(self) if self._calls is None else self._calls.controller.settings

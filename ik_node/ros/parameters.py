@@ -2,41 +2,137 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
-from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
-from ik_node.errors import IkNodeError, SettingsError
+from ik_node.errors import IkNodeError
 from ik_node.settings.groups import Settings, describe
-from ik_node.settings.replaced import REMOVED, RENAMED, replacement
-from ik_node.settings.schema import Descriptor, Value, limits_per_element
+from ik_node.settings.names import NODE_NAMES, check_names, is_ros_name
+from ik_node.settings.schema import Descriptor, check, converted, limits_per_element
 
 BIG = 1e12
 """Replaces an infinite limit: ROS parameter ranges have two finite ends."""
+AUTOSTART = Descriptor(
+    "autostart", True, "Configure and activate without a request.", "", None, None, (), True, bool, 0
+)
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+}
+_LIST_TYPES = {float: Parameter.Type.DOUBLE_ARRAY, str: Parameter.Type.STRING_ARRAY}
 
 
-def declare(node: Any) -> None:
-    """Declare every parameter on ``node`` with description, unit and range.
+def start_values(node: Any, valid: Collection[str]) -> dict[str, Any]:
+    """Values that ``node`` was started with, by file or command line, without those of rclpy itself.
+
+    rclpy has no public access that keeps an empty list: automatically_declare_parameters_from_overrides raises
+    ValueError for it. An empty list has no type there; its value is None.
+
+    Args:
+        node: The node.
+        valid: Names of the parameters that it has.
 
     Raises:
-        SettingsError: The node was started with a parameter of an earlier version; the message names its replacement.
+        SettingsError: A name is unknown; the message has the nearest one, or the replacement of an old name.
     """
-    # ROS ignores the values of undeclared parameters, so the old names are declared to find out whether they are set.
-    for name in (*RENAMED, *REMOVED):
-        value = node.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
-        node.undeclare_parameter(name)
-        if value is not None:
-            raise SettingsError(replacement(name))
-    for about in describe():
-        node.declare_parameter(about.name, _declared(about), _descriptor(about))
+    overrides = node._parameter_overrides.values()
+    values = {entry.name: [] if entry.value is None else entry.value for entry in overrides}
+    values = {name: value for name, value in values.items() if not is_ros_name(name)}
+    check_names(values, valid)
+    return values
+
+
+def declare_all(node: Any, parameters: Sequence[Descriptor]) -> dict[str, Any]:
+    """Declare parameters with description, unit, range and type.
+
+    Args:
+        node: The node.
+        parameters: All parameters that the node has, besides those of rclpy.
+
+    Returns:
+        Name -> value.
+
+    Raises:
+        SettingsError: The node was started with an unknown parameter or an invalid value.
+    """
+    given = start_values(node, [about.name for about in parameters])
+    values = {about.name: converted(given.get(about.name, about.default), about) for about in parameters}
+    for about in parameters:
+        check(about.name, values[about.name], about)
+    for about in parameters:
+        _declare(node, about, values[about.name])
+    return values
+
+
+def declare(node: Any) -> bool:
+    """Declare the settings and ``autostart`` on ``node``.
+
+    Returns:
+        Whether the node configures and activates itself.
+
+    Raises:
+        SettingsError: The node was started with an unknown parameter or an invalid value.
+    """
+    return bool(declare_all(node, (*describe(), AUTOSTART))["autostart"])
 
 
 def read(node: Any) -> Settings:
     """Return the parameters of ``node`` as settings; raises SettingsError naming an invalid parameter."""
-    return Settings().with_values({about.name: _read_one(node, about) for about in describe()})
+    return Settings().with_values({about.name: node.get_parameter(about.name).value for about in describe()})
+
+
+def checked_changes(parameters: Sequence[Parameter]) -> list[Parameter]:
+    """Check changed parameters before rclpy does, whose message about a wrong type does not name the parameter.
+
+    Args:
+        parameters: Wanted values.
+
+    Returns:
+        The same with whole numbers as doubles where the parameter is one, and empty lists with the right type.
+
+    Raises:
+        SettingsError: A parameter is unknown, or a value has the wrong type or is out of range.
+    """
+    known = {about.name: about for about in describe()}
+    check_names([entry.name for entry in parameters if not is_ros_name(entry.name)], [*known, *NODE_NAMES])
+    return [_checked(entry, known[entry.name]) if entry.name in known else entry for entry in parameters]
+
+
+def _checked(parameter: Parameter, about: Descriptor) -> Parameter:
+    value: Any = parameter.value
+    if isinstance(about.default, tuple) and value is not None and not isinstance(value, (bool, int, float, str)):
+        value = list(value)
+    kept = converted(value, about)
+    check(about.name, kept, about)
+    return _parameter(about, kept)
+
+
+def _parameter(about: Descriptor, value: Any) -> Parameter:
+    return Parameter(about.name, _type(about), list(value) if isinstance(value, tuple) else value)
+
+
+def _type(about: Descriptor) -> Parameter.Type:
+    return _LIST_TYPES[about.element] if isinstance(about.default, tuple) else _TYPES[type(about.default)]
+
+
+def _declare(node: Any, about: Descriptor, value: Any) -> None:
+    """Declare one parameter with a value.
+
+    An empty list cannot be declared with a type, and a parameter without a value empties the whole answer to a request
+    for the values of all parameters (`ros2 param dump`); so the value is set after the declaration.
+    """
+    descriptor = _descriptor(about)
+    descriptor.read_only = False
+    node.declare_parameter(about.name, _type(about), descriptor, ignore_override=True)
+    (result,) = node.set_parameters([_parameter(about, value)])
+    if not result.successful:
+        raise IkNodeError(f"{about.name}: {result.reason}")
+    node.set_descriptor(about.name, _descriptor(about))
 
 
 def follow_changes(
@@ -50,11 +146,10 @@ def follow_changes(
         check: Raises an IkNodeError for settings that cannot be used; has no side effects.
         apply: Called with the new settings after all callbacks have accepted the change.
     """
-    known = {about.name: about for about in describe()}
+    known = {about.name for about in describe()}
 
     def changed(parameters: Sequence[Parameter]) -> Settings:
-        changes = [parameter for parameter in parameters if parameter.name in known]
-        return current().with_values({p.name: _value(p, known[p.name]) for p in changes})
+        return current().with_values({entry.name: entry.value for entry in parameters if entry.name in known})
 
     def on_set(parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
@@ -70,27 +165,10 @@ def follow_changes(
     node.add_post_set_parameters_callback(on_post_set)
 
 
-def _declared(about: Descriptor) -> Any:
-    if about.default == ():
-        return Parameter.Type.STRING_ARRAY if about.element is str else Parameter.Type.DOUBLE_ARRAY
-    return list(about.default) if isinstance(about.default, tuple) else about.default
-
-
-def _read_one(node: Any, about: Descriptor) -> Value:
-    try:
-        return _value(node.get_parameter(about.name), about)
-    except ParameterUninitializedException:  # an empty list cannot be declared with a type
-        return about.default
-
-
-def _value(parameter: Parameter, about: Descriptor) -> Value:
-    value: Any = parameter.value
-    return tuple(value) if isinstance(about.default, tuple) else value
-
-
 def _descriptor(about: Descriptor) -> ParameterDescriptor:
     unit = f" [{about.unit}]" if about.unit else ""
     descriptor = ParameterDescriptor(description=about.description + unit, read_only=about.read_only)
+    descriptor.type = _type(about).value
     if about.choices:
         descriptor.additional_constraints = "one of: " + about.valid_text
     elif isinstance(about.default, tuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import Instant
-from ik_node.interfaces.step import Level, Status
+from ik_node.interfaces.step import Status
 from ik_node.messages.encode import Outgoing
 from ik_node.recording.run_recorder import RunRecording, recorder_options
 from ik_node.replay.recorded_controller import RecordedController
@@ -79,10 +79,7 @@ class NodeRecorder:
     def with_warning(self, status: Status) -> Status:
         """Return ``status``, at level WARN at least and with the reason when the recording has failed."""
         failure = self._failure if self._recording is None else self._recording.error
-        if not failure:
-            return status
-        level = status.level if status.level is Level.ERROR else Level.WARN
-        return Status(level, status.mode, f"{status.reason}; {failure}")
+        return status.with_warning(failure)
 
     def values(self) -> dict[str, str]:
         """Return key-value pairs for the diagnostics."""

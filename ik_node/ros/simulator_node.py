@@ -17,6 +17,7 @@ from ik_node.messages import decode, encode
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.ros import qos
+from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.settings.groups import ArmSettings
 
 
@@ -48,7 +49,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=robot.urdf))
         self.create_subscription(Float64MultiArray, "commands", self._on_command, qos.COMMAND, raw=True)
-        self.create_timer(1.0 / rate_hz, self._publish)
+        create_steady_timer(self, 1.0 / rate_hz, self._publish)
 
     def _text(self, name: str, default: str, description: str) -> str:
         about = ParameterDescriptor(description=description, read_only=True)

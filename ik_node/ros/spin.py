@@ -17,20 +17,23 @@ import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, SettingsError
+from ik_node.ros import start_arguments
 from ik_node.ros.child_process import end_with_parent_if_requested
+from ik_node.ros.steady_timer import create_steady_timer
 
 SIGNAL_POLL_S = 0.05
 """Longest time until Python handles a signal while no callback runs."""
 SPIN_TIMEOUT_S = 1e6
 """Replaces an infinite timeout."""
+UNUSABLE = 2
+"""Exit code when ROS cannot read the arguments."""
 
 
 def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], arguments: Sequence[str] | None) -> int:
-    """Make a node and spin it until SIGINT or SIGTERM.
+    """Make a node and spin it until SIGINT, SIGTERM or SIGHUP.
 
     Args:
         make_node: Makes the node, after rclpy was initialised.
@@ -38,10 +41,15 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
         arguments: Arguments for rclpy, without the program's name; None takes those of the process.
 
     Returns:
-        Exit code of the process: 0; 1 when ``make_node`` raised an IkNodeError or ROS refused a parameter.
+        Exit code of the process: 0; 1 when ``make_node`` raised an IkNodeError, which is printed, or ROS refused a
+        parameter; 2 when ROS cannot read the arguments.
     """
     end_with_parent_if_requested()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        start_arguments.initialise(arguments)
+    except SettingsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
     stopped = Future()
 
     def on_signal(number: int, frame: FrameType | None) -> None:
@@ -51,6 +59,8 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored under nohup
+        signal.signal(signal.SIGHUP, on_signal)
     executor = EventsExecutor()
     try:
         node = make_node()
@@ -58,7 +68,7 @@ def run(make_node: Callable[[], Any], finish: Callable[[Any, Any], None], argume
         print(f"error: {error}", file=sys.stderr)
         rclpy.shutdown()
         return 1
-    node.create_timer(SIGNAL_POLL_S, lambda: None)
+    create_steady_timer(node, SIGNAL_POLL_S, lambda: None)
     executor.add_node(node)
     try:
         executor.spin_until_future_complete(stopped, SPIN_TIMEOUT_S)

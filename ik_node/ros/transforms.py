@@ -8,38 +8,72 @@ from typing import Any
 
 from rclpy.time import Time
 
+from ik_node.errors import TargetRefused
 from ik_node.robot.frames import transform_text
+
+MAX_AGE_S = 0.5
+"""Largest age of a transform: a broadcaster at 10 Hz may miss four; an arm at 1 m/s is at most 0.5 m off by then."""
+
+
+class TransformRefused(TargetRefused):
+    """The transform of a frame is too old."""
 
 
 class Transforms:
     """Looks frames up in tf; yields nothing without tf2_ros or where tf does not connect a frame."""
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Any, tf2_ros: Any = None) -> None:
         self._buffer: Any = None
+        self._last: dict[str, str] = {}
         try:
-            tf2_ros = importlib.import_module("tf2_ros")
+            tf2_ros = tf2_ros or importlib.import_module("tf2_ros")
         except ImportError:
             return
         self._failure = tf2_ros.TransformException
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
-        self._last: dict[str, str] = {}
 
-    def lookup(self, base: str, frames: Iterable[str]) -> Iterator[str]:
-        """Yield the newest pose of each of ``frames`` in ``base`` that has changed since the last call.
+    def lookup(self, base: str, frames: Iterable[str], stamp_ns: int, now_ns: int) -> Iterator[str]:
+        """Yield the pose of each of ``frames`` in ``base`` that has changed since the last call.
 
-        A pose is a text made by :func:`ik_node.robot.frames.transform_text`.
+        Args:
+            base: Base frame.
+            frames: Frames that are not in the robot model.
+            stamp_ns: Stamp of the sample, ROS time, at which the transform is wanted; 0: the newest. Where tf has none
+                at the stamp, the newest one is taken.
+            now_ns: Present ROS time.
+
+        Yields:
+            Texts made by :func:`ik_node.robot.frames.transform_text`.
+
+        Raises:
+            TransformRefused: The transform is older than :data:`MAX_AGE_S`.
         """
         if self._buffer is None:
             return
         for frame in frames:
-            try:
-                transform = self._buffer.lookup_transform(base, frame, Time()).transform
-            except self._failure:
+            found = self._at(base, frame, stamp_ns)
+            if found is None:
                 continue  # the controller refuses the frame and lists the known ones
-            position, rotation = transform.translation, transform.rotation
+            stamp = found.header.stamp
+            taken_ns = 1_000_000_000 * stamp.sec + stamp.nanosec
+            age_s = 1e-9 * (now_ns - taken_ns)
+            if taken_ns and age_s > MAX_AGE_S:  # a static transform has stamp 0
+                raise TransformRefused(
+                    f"transform from {frame} to {base} is {age_s:.1f} s old; at most {MAX_AGE_S:g} s"
+                )
+            position, rotation = found.transform.translation, found.transform.rotation
             quaternion = (rotation.x, rotation.y, rotation.z, rotation.w)
             text = transform_text(frame, (position.x, position.y, position.z), quaternion)
             if self._last.get(frame) != text:
                 self._last[frame] = text
                 yield text
+
+    def _at(self, base: str, frame: str, stamp_ns: int) -> Any:
+        """Return the transform at a stamp, else the newest; None when tf has neither."""
+        for time in (Time(nanoseconds=stamp_ns), Time()) if stamp_ns > 0 else (Time(),):
+            try:
+                return self._buffer.lookup_transform(base, frame, time)
+            except self._failure:
+                continue
+        return None

@@ -1,7 +1,8 @@
 """A node that stops the arm when the controlling node was killed or hangs; it runs in a process of its own.
 
-A forward_command_controller keeps its last velocity. This node subscribes to the commands and publishes zeros on the
-same topic when no command follows a non-zero one in time.
+A forward_command_controller keeps its last velocity. Each command of the controlling node is accompanied by a message
+on its topic ``joint_velocity``, which no other node publishes. This node publishes zeros on the command topic when no
+such message follows a non-zero one in time. Commands of others, on the same command topic, are not read.
 """
 
 from __future__ import annotations
@@ -13,21 +14,32 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from ik_node.errors import InputError
 from ik_node.interfaces.step import Level, Mode, Status
-from ik_node.messages import decode, encode
+from ik_node.messages import encode
 from ik_node.ros import qos
+from ik_node.ros.steady_timer import create_steady_timer
 
-CHECKS_PER_TIMEOUT = 10
-"""The timeout is checked this often, so that it is exceeded by at most a tenth."""
+CHECKS_PER_TIMEOUT = 20
+"""The timeout is checked this often."""
+LATE_CHECKS = 2
+"""Consecutive checks that must find the timeout exceeded. After a hold-up of this process the messages that queued up
+are processed between the first check and the second one. The timeout is exceeded by at most a tenth."""
+READY_PERIOD_S = 0.1
+"""Period of the check whether ``ik_node`` is there."""
 REPETITIONS = 5
 """Number of zero commands that are published."""
+READY = "monitoring ik_node"
+"""Reason of the status from the time when ``ik_node`` and a subscriber of the commands are connected."""
 
 
 class WatchdogNode(Node):  # type: ignore[misc]
-    """Monitors ``/ik_node/commands`` (can be remapped)."""
+    """Monitors ``ik_node/joint_velocity`` and publishes on ``ik_node/commands``, relative to its namespace.
+
+    Its latched status is on ``ik_node/watchdog``, where ``ik_node`` reads it, and on ``~/status``.
+    """
 
     def __init__(self) -> None:
         super().__init__("ik_watchdog")
@@ -39,27 +51,30 @@ class WatchdogNode(Node):  # type: ignore[misc]
         self._timeout_s = float(self.declare_parameter("timeout_s", 0.1, about).value)
         self._last = np.zeros(0)
         self._received_s = time.monotonic()
+        self._late_checks = 0
         self._zeros_left = 0
-        self._commands = self.create_publisher(Float64MultiArray, "/ik_node/commands", qos.COMMAND)
-        self._status = self.create_publisher(DiagnosticStatus, "~/status", qos.LATCHED)
-        self.create_subscription(Float64MultiArray, "/ik_node/commands", self._on_command, qos.OUTPUT, raw=True)
-        self.create_timer(self._timeout_s / CHECKS_PER_TIMEOUT, self._check)
-        self._publish_status(Status(Level.OK, Mode.WAITING, "monitoring"))
+        self._is_ready = False
+        self._status = Status(Level.WARN, Mode.WAITING, "not ready: waiting for ik_node")
+        self._commands = self.create_publisher(Float64MultiArray, "ik_node/commands", qos.COMMAND)
+        self._statuses = [
+            self.create_publisher(DiagnosticStatus, topic, qos.LATCHED) for topic in ("~/status", "ik_node/watchdog")
+        ]
+        self._velocity = self.create_subscription(JointState, "ik_node/joint_velocity", self._on_velocity, qos.STREAM)
+        create_steady_timer(self, self._timeout_s / CHECKS_PER_TIMEOUT, self._check)
+        create_steady_timer(self, READY_PERIOD_S, self._check_ready)
+        self._publish_status(self._status)
 
-    def _on_command(self, data: bytes) -> None:
-        try:
-            command = decode.decode_command(data)
-        except InputError:
-            return
-        if self._zeros_left and not command.any():
-            return  # a zero command of this node
-        self._last, self._received_s = command, time.monotonic()
+    def _on_velocity(self, message: JointState) -> None:
+        self._last, self._received_s = np.array(message.velocity), time.monotonic()
+        self._late_checks = 0
         if self._zeros_left:
             self._zeros_left = 0
-            self._publish_status(Status(Level.OK, Mode.WAITING, "monitoring; commands have resumed"))
+            self._publish_status(Status(Level.OK, Mode.WAITING, f"{READY}; its commands have resumed"))
 
     def _check(self) -> None:
-        if self._zeros_left == 0 and self._last.any() and time.monotonic() - self._received_s > self._timeout_s:
+        is_late = self._last.any() and time.monotonic() - self._received_s > self._timeout_s
+        self._late_checks = self._late_checks + 1 if is_late else 0
+        if self._zeros_left == 0 and self._late_checks >= LATE_CHECKS:
             self._zeros_left = REPETITIONS
             reason = f"no command for {self._timeout_s:g} s after a non-zero one; the arm was stopped"
             self.get_logger().error(reason)
@@ -70,8 +85,30 @@ class WatchdogNode(Node):  # type: ignore[misc]
             if self._zeros_left == 0:
                 self._last = np.zeros(len(self._last))
 
+    def _check_ready(self) -> None:
+        """Report when ``ik_node`` and a subscriber of the commands have been found, or were lost."""
+        topics = []
+        if not self.count_publishers(self._velocity.topic_name):
+            topics.append(f"a publisher on {self._velocity.topic_name}")
+        if not self._commands.get_subscription_count():
+            topics.append(f"a subscriber on {self._commands.topic_name}")
+        if self._is_ready == (not topics):
+            return
+        self._is_ready = not topics
+        reason = f"not ready: waiting for {' and '.join(topics)}" if topics else READY
+        if not topics:
+            self.get_logger().info(f"ready: zeros on {self._commands.topic_name} after {self._timeout_s:g} s")
+        elif self._status.level is Level.ERROR:
+            return  # the reason for the zeros stays
+        else:
+            self.get_logger().warning(reason)
+        self._publish_status(Status(Level.WARN if topics else Level.OK, Mode.WAITING, reason))
+
     def _publish_status(self, status: Status) -> None:
-        self._status.publish(encode.encode_status(status, self.get_fully_qualified_name()))
+        self._status = status
+        data = encode.encode_status(status, self.get_fully_qualified_name())
+        for publisher in self._statuses:
+            publisher.publish(data)
 
     def finish(self, executor: Any) -> None:
         """Do nothing: there is nothing to close."""

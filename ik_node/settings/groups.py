@@ -13,9 +13,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ik_node.errors import SettingsError
-from ik_node.settings.replaced import replacement
-from ik_node.settings.schema import Descriptor, Group, Value, setting
+from ik_node.settings.names import check_names
+from ik_node.settings.schema import Descriptor, Group, Value, converted, setting
 
 METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
 """Values of ``method``. A new method is a name here and a function of that name in
@@ -341,26 +340,24 @@ class Settings:
         """A copy with changed parameters.
 
         Args:
-            values: Full parameter name -> new value; lists and tuples are both accepted.
+            values: Full parameter name -> new value; lists and tuples are both accepted, and whole numbers for
+                doubles.
 
         Returns:
             The changed copy.
 
         Raises:
-            SettingsError: A name is unknown (the message lists the valid names) or belongs to an earlier version (the
+            SettingsError: A name is unknown (the message has the nearest one) or belongs to an earlier version (the
                 message names its replacement), or a value has the wrong type or is out of range.
         """
         places = {name: (group, entry) for name, group, entry in _walk(self)}
+        check_names(values, places)
         changed: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            if name not in places:
-                listed = f"unknown parameter '{name}'; valid: {', '.join(sorted(places))}"
-                raise SettingsError(replacement(name) or listed)
             group, entry = places[name]
-            kept = tuple(value) if isinstance(entry.default, tuple) and isinstance(value, (list, tuple)) else value
-            if isinstance(entry.default, float) and isinstance(value, int) and not isinstance(value, bool):
-                kept = float(value)
-            changed.setdefault(_attribute(group), {})[entry.name] = kept
+            default: Any = entry.default
+            about = Descriptor(name=name, default=default, **entry.metadata)
+            changed.setdefault(_attribute(group), {})[entry.name] = converted(value, about)
         groups = {attribute: dataclasses.replace(getattr(self, attribute), **new) for attribute, new in changed.items()}
         return dataclasses.replace(self, **groups)
 

@@ -2,40 +2,113 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ik_node.errors import SettingsError
-from ik_node.settings.groups import Settings, describe
-from ik_node.settings.replaced import replacement
+from ik_node.errors import InputError, SettingsError
+from ik_node.settings.groups import Settings
+from ik_node.settings.names import NODE_NAMES, is_ros_name
+from ik_node.settings.schema import Value
+from ik_node.settings.yaml_text import load_yaml, read_text
+
+PARAMETERS = "ros__parameters"
+"""Key of the parameters below the name of a node."""
 
 
 def read_settings(path: Path, node: str = "ik_node") -> Settings:
-    """Reads the section ``/**: <node>: ros__parameters:`` of a parameter file.
+    """Reads the parameters of one node from a parameter file.
 
     Args:
         path: YAML file as ROS 2 reads it.
-        node: Name of the node in the file.
+        node: Name of the node, with its namespace if it has one.
 
     Returns:
-        The settings of the file, with default values elsewhere. Parameters unknown to this package are ignored, since
-        a node may have others.
+        The settings of the file, with default values elsewhere. Parameters of ROS itself are ignored.
 
     Raises:
-        SettingsError: The file has no such section, a value is invalid, or a parameter belongs to an earlier version.
+        SettingsError: The file has no section for the node, a name is unknown, a value is invalid, or a parameter
+            belongs to an earlier version.
     """
+    sections = read_sections(path)
+    used = [values for name, values in sections.items() if addresses(name, node)]
+    if not used:
+        raise SettingsError(no_section_text(path, node, sections))
+    values = {name: value for section in used for name, value in section.items()}
+    own = {name: value for name, value in values.items() if name not in NODE_NAMES and not is_ros_name(name)}
     try:
-        values = _flat(yaml.safe_load(path.read_text())["/**"][node]["ros__parameters"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise SettingsError(f"'{path}' is no parameter file with /**: {node}: ros__parameters: ({error!r})") from error
-    known = {about.name for about in describe()}
-    return Settings().with_values({name: value for name, value in values.items() if name in known or replacement(name)})
+        return Settings().with_values(own)
+    except SettingsError as error:
+        raise SettingsError(f"'{path}': {error}") from error
+
+
+def read_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """The sections of a parameter file.
+
+    Args:
+        path: YAML file as ROS 2 reads it.
+
+    Returns:
+        Name of a node as the file has it, such as ``/**/ik_node`` -> its parameters, flat.
+
+    Raises:
+        SettingsError: The file cannot be read, or has no parameters.
+    """
+    text = read_text(path)
+    found: dict[str, dict[str, Any]] = {}
+    try:
+        _collect(load_yaml(text), "", found)
+    except (yaml.YAMLError, InputError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise SettingsError(f"'{path}' is no parameter file with /**: NODE: {PARAMETERS}: ({reason})") from error
+    if not found:
+        raise SettingsError(f"'{path}' is no parameter file with /**: NODE: {PARAMETERS}:")
+    return found
+
+
+def addresses(section: str, node: str) -> bool:
+    """Whether the name of a section, with * for one and ** for any number of parts, is that of ``node``."""
+    parts = (part for part in section.split("/") if part)
+    pattern = "".join(
+        "(/[^/]+)*" if part == "**" else "/[^/]+" if part == "*" else f"/{re.escape(part)}" for part in parts
+    )
+    return re.fullmatch(pattern, f"/{node.strip('/')}") is not None
+
+
+def no_section_text(path: Path, node: str, sections: dict[str, dict[str, Any]]) -> str:
+    """One line about a file that has parameters for other nodes only."""
+    return f"'{path}' has no parameters for node /{node.strip('/')}; it has some for {', '.join(sections)}"
+
+
+def parse_assignment(assignment: str) -> tuple[str, Value]:
+    """Parses ``name=value`` with a YAML value.
+
+    Raises:
+        InputError: The text is no assignment.
+        SettingsError: There is no such parameter, or the value is invalid.
+    """
+    name, equals, text = assignment.partition("=")
+    try:
+        value = load_yaml(text) if equals else None
+    except (yaml.YAMLError, InputError, ValueError, RecursionError):
+        value = None
+    if value is None:
+        raise InputError(f"'{assignment}' is no assignment; expected NAME=VALUE")
+    return name, Settings().with_values({name: value}).flat()[name]
+
+
+def _collect(tree: Any, name: str, found: dict[str, dict[str, Any]]) -> None:
+    for key, below in tree.items():
+        if key == PARAMETERS:
+            found.setdefault(name or "/", {}).update(_flat(below))
+        elif isinstance(below, dict):
+            _collect(below, f"{name}/{str(key).strip('/')}", found)
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in tree.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + str(name): value}
     return flat

@@ -109,41 +109,105 @@ class Group:
     """Base of the groups of parameters; raises SettingsError when it is built with an invalid value."""
 
     def __post_init__(self) -> None:
+        prefix = getattr(self, "prefix", "")
         for entry in dataclasses.fields(self):
             if entry.metadata:
-                _check(entry.name, getattr(self, entry.name), entry.default, entry.metadata)
+                name = f"{prefix}.{entry.name}" if prefix else entry.name
+                default: Any = entry.default
+                check(name, getattr(self, entry.name), Descriptor(name=name, default=default, **entry.metadata))
 
 
-def _check(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> None:
-    _check_type(name, value, default, about)
-    if about["choices"] and value not in about["choices"]:
-        raise SettingsError(f"{name} is {value!r}; valid: {', '.join(about['choices'])}")
-    numbers = value if isinstance(value, tuple) else (value,)
-    for index, number in enumerate(numbers):
+def converted(value: Any, about: Descriptor) -> Any:
+    """A value as the type of the parameter, where that loses nothing; any other value unchanged.
+
+    Args:
+        value: A value from a file, a command line or ROS.
+        about: Description of the parameter.
+
+    Returns:
+        Whole numbers as floats where the parameter is a double or a list of doubles, lists as tuples.
+    """
+    if isinstance(about.default, tuple) and isinstance(value, (list, tuple)):
+        return tuple(_as_double(entry) for entry in value) if about.element is float else tuple(value)
+    return _as_double(value) if isinstance(about.default, float) else value
+
+
+def _as_double(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int):
+        return value
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond the doubles; refused as not finite
+        return math.inf
+
+
+def check(name: str, value: Any, about: Descriptor) -> None:
+    """Checks the type, the length, the range and the choices of a value.
+
+    Args:
+        name: Name of the parameter in the message.
+        value: The value.
+        about: Description of the parameter.
+
+    Raises:
+        SettingsError: The value is invalid; one line with the name, the value, its type and what is valid.
+    """
+    if not _has_type(value, about):
+        raise SettingsError(f"{name} is {_shown(value)} ({_type_name(value)}); valid: {_expected(about)}")
+    if about.size and len(value) != about.size:
+        raise SettingsError(f"{name} has {len(value)} elements; valid: {_expected(about)}: {about.description}")
+    if about.choices and value not in about.choices:
+        raise SettingsError(f"{name} is {_shown(value)}; valid: {', '.join(about.choices)}")
+    for index, number in enumerate(value if isinstance(value, tuple) else (value,)):
         if isinstance(number, (str, bool)):
             continue
         if not math.isfinite(number):
-            raise SettingsError(f"{name} is {value!r}; expected finite numbers")
-        low, high = (_of_element(about[end], index) for end in ("minimum", "maximum"))
+            raise SettingsError(f"{name} is {_shown(value)}; valid: finite numbers")
+        low, high = (_of_element(end, index) for end in (about.minimum, about.maximum))
         if (low is not None and number < low) or (high is not None and number > high):
-            where = f"[{index}]" if about["size"] else ""
-            raise SettingsError(f"{name}{where} is {number!r}; valid: {_range(low, high)} {about['unit']}".rstrip())
+            where = f"[{index}]" if about.size else ""
+            raise SettingsError(f"{name}{where} is {number!r}; valid: {_range(low, high)} {about.unit}".rstrip())
 
 
-def _check_type(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> None:
-    expected = type(default)
-    if expected is tuple:
-        kinds = (about["element"], int) if about["element"] is float else (about["element"],)
-        kind, size = about["element"].__name__, about["size"]
-        if not isinstance(value, tuple) or any(type(entry) not in kinds for entry in value):
-            raise SettingsError(f"{name} is {value!r}; expected a list of {f'{size} {kind}s' if size else kind}")
-        if size and len(value) != size:
-            raise SettingsError(f"{name} has {len(value)} elements; expected {size}: {about['description']}")
-    elif expected is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise SettingsError(f"{name} is {value!r}; expected a number")
-    elif not isinstance(value, expected) or (expected is not bool and isinstance(value, bool)):
-        raise SettingsError(f"{name} is {value!r}; expected a {expected.__name__}")
+def _has_type(value: Any, about: Descriptor) -> bool:
+    if isinstance(about.default, tuple):
+        kinds = (float, int) if about.element is float else (about.element,)
+        return isinstance(value, tuple) and all(type(entry) in kinds for entry in value)
+    if isinstance(about.default, float):
+        return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, type(about.default)) and isinstance(value, bool) == isinstance(about.default, bool)
+
+
+TYPE_NAMES: Mapping[type, str] = {bool: "bool", int: "integer", float: "double", str: "string"}
+"""Names of the types in ROS parameter files."""
+MAX_SHOWN = 80
+"""Longest text of a value in a message, so that the message stays one readable line."""
+
+
+def _shown(value: Any) -> str:
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+
+
+def _type_name(value: Any) -> str:
+    if isinstance(value, (tuple, list)):
+        names = dict.fromkeys(_type_name(entry) for entry in value)
+        return f"list of {' and '.join(names) or 'nothing'}"
+    return TYPE_NAMES.get(type(value), type(value).__name__)
+
+
+def _expected(about: Descriptor) -> str:
+    if about.choices:
+        return ", ".join(about.choices)
+    if isinstance(about.default, bool):
+        return "true, false"
+    if isinstance(about.default, tuple):
+        count = f"{about.size} " if about.size else ""
+        return f"a list of {count}{TYPE_NAMES[about.element]}s"
+    kind = TYPE_NAMES[type(about.default)]
+    if about.minimum is None and about.maximum is None:
+        return f"a {kind}"
+    return f"a {kind}, {_range(_of_element(about.minimum, 0), _of_element(about.maximum, 0))} {about.unit}".rstrip()
 
 
 def _of_element(limit: Limit, index: int) -> float | None:

@@ -22,11 +22,12 @@ import numpy as np
 from ik_node.errors import InputError, TargetRefused
 from ik_node.interfaces.clock import NS, Instant, Stamped, to_monotonic
 from ik_node.interfaces.motion import Motion
-from ik_node.interfaces.samples import PathSample, TrajectorySample, TwistSample
+from ik_node.interfaces.samples import FARTHEST_M, PathSample, TrajectorySample, TwistSample
 from ik_node.math.numerics import checked_vector
 from ik_node.math.quaternion import from_matrix
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames
+from ik_node.robot.reach import reach_of
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.targets.jerk_limited_filter import RigidMotion
@@ -74,13 +75,18 @@ class ArbiterSnapshot(NamedTuple):
     stream: StreamSnapshot
     path: PathSnapshot
     jog: JogSnapshot
+    out_of_reach: str = ""
+    """What of the active target is out of reach; empty for nothing."""
 
 
 class TargetArbiter:
     """Targets of all inputs in, one reference motion out; times are monotonic nanoseconds, one thread."""
 
     def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
-        """``robot``: its joint limits bound the speed along paths without time stamps; None to ignore them."""
+        """``robot``: its reach, and its joint limits for the speed along paths without times; None to ignore them."""
+        self._reach = None if robot is None else reach_of(robot)
+        self.out_of_reach = ""
+        """Warning that the last pose, or the farthest of a path, is out of the arm's reach, and by how much."""
         self._stream = StreamedPoses(settings.target)
         self._path = PathFollower(settings, robot)
         self._jog = Jog(settings)
@@ -108,6 +114,7 @@ class TargetArbiter:
             self._stream.capture(),
             self._path.capture(),
             self._jog.capture(),
+            self.out_of_reach,
         )
 
     def restore(self, snapshot: ArbiterSnapshot) -> None:
@@ -116,6 +123,7 @@ class TargetArbiter:
         self._stream.restore(snapshot.stream)
         self._path.restore(snapshot.path)
         self._jog.restore(snapshot.jog)
+        self.out_of_reach = snapshot.out_of_reach
 
     # --- inputs -------------------------------------------------------------------------------------------------------
 
@@ -123,6 +131,7 @@ class TargetArbiter:
         """Starts without an active input, at rest at ``pose_sd`` (4, 4)."""
         self._source = self._previous_source = TargetSource.NONE
         self._changes_ns, self._warning, self._time_ns = (), "", time_ns
+        self.out_of_reach = ""
         self._stream.start(pose_sd, time_ns)
         self._path.forget()
         self._jog.begin(_resting(pose_sd), time_ns)
@@ -150,6 +159,7 @@ class TargetArbiter:
             self._take_command(TargetSource.POSE, stamped.received_ns)
             self._stream.take_over(reference, self._time_ns)
         self._stream.add(pose_sd, stamped)
+        self.out_of_reach = self._reach_warning(pose_sd[None, :3, 3], "target")
 
     def on_path(self, sample: PathSample, frame_pose: FramePose, now: Instant, q: Array | None = None) -> None:
         """Starts a path.
@@ -219,6 +229,15 @@ class TargetArbiter:
         self._path.begin(request, reference, self._time_ns, q)
         self._take_command(source, now.monotonic_ns)
         self._warning = request.warning
+        self.out_of_reach = self._reach_warning(request.positions, f"pose {{}} of {source.value}")
+
+    def _reach_warning(self, positions: Array, name: str) -> str:
+        """Warning about the farthest of ``positions`` (N, 3), whose number is inserted into ``name``."""
+        if self._reach is None:
+            return ""
+        excess = self._reach.excess(positions)
+        farthest = int(np.argmax(excess))
+        return f"{name.format(farthest)} is {excess[farthest]:.2f} m out of reach" if excess[farthest] > 0.0 else ""
 
     def _take_command(self, source: TargetSource, time_ns: int) -> None:
         if source is self._source:
@@ -226,7 +245,7 @@ class TargetArbiter:
         between_two = source is self._previous_source
         self._changes_ns = (*self._changes_ns, time_ns)[-SOURCE_CHANGES:] if between_two else (time_ns,)
         self._source, self._previous_source = source, self._source
-        self._warning = ""
+        self._warning = self.out_of_reach = ""
         if not self._on_path:
             self._path.forget()
 
@@ -346,6 +365,12 @@ class TargetArbiter:
         if self._source is TargetSource.POSE:
             return self._stream.goal_sd
         return self._path.goal_sd if self._on_path else None
+
+
+def check_distance(pose_sd: Array) -> None:
+    """Raises TargetRefused when a pose (4, 4) is further than FARTHEST_M from {s}, as poses of paths are refused."""
+    if not np.abs(pose_sd[:3, 3]).max() <= FARTHEST_M:
+        raise TargetRefused(f"target is more than {FARTHEST_M:g} m away")
 
 
 def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:

@@ -94,7 +94,9 @@ def read_table(path: Path, demo: int = 0) -> PoseTable:
         if path.suffix.lower() == ".npy":
             return _read_npy(path, demo)
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
+        if isinstance(error, TrajectoryFileError):
+            raise
         raise TrajectoryFileError(f"{path} cannot be read: {error}") from error
     if demo:
         raise TrajectoryFileError(f"{path.name} is text and holds one demonstration; demo is {demo}, valid: 0")
@@ -104,8 +106,14 @@ def read_table(path: Path, demo: int = 0) -> PoseTable:
 def _read_npy(path: Path, demo: int) -> PoseTable:
     try:
         array = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise TrajectoryFileError(f"{path.name} is no NPY file of numbers: {error}") from error
+    except OSError:
+        raise
+    # numpy parses the header as Python (TokenError, RecursionError) and reserves what it claims (MemoryError).
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise TrajectoryFileError(f"{path.name} is no NPY file of numbers: {reason}") from error
+    if not isinstance(array, np.ndarray):  # an archive of arrays that is named .npy
+        raise TrajectoryFileError(f"{path.name} is no NPY file of numbers: it is an archive")
     if array.dtype.kind not in "fiu" or array.ndim not in (2, 3):
         raise TrajectoryFileError(
             f"{path.name} holds {array.dtype} of shape {array.shape}; expected numbers of shape (samples, columns) or "
@@ -126,7 +134,12 @@ def _read_text(path: Path, text: str) -> PoseTable:
     if not content:
         raise TrajectoryFileError(f"{path.name} holds no data")
     delimiter = next((mark for mark in ",;\t" if mark in content[-1]), " ")
-    rows = _split(content, delimiter)
+    try:
+        rows = _split(content, delimiter)
+    except csv.Error as error:  # a field of more than 128 KiB
+        raise TrajectoryFileError(f"{path.name} is no table: {error}") from error
+    if not rows:
+        raise TrajectoryFileError(f"{path.name} holds no data")
     header = None if _are_numbers(rows[0]) else rows.pop(0)
     if not rows:
         raise TrajectoryFileError(f"{path.name} holds a header and no data")
@@ -146,7 +159,7 @@ def _split(lines: list[str], delimiter: str) -> list[tuple[str, ...]]:
     if delimiter == " ":
         return [tuple(line.split()) for line in lines]
     reader = csv.reader(io.StringIO("\n".join(lines)), delimiter=delimiter, skipinitialspace=True)
-    return [tuple(field.strip() for field in row) for row in reader]
+    return [tuple(field.strip() for field in row) for row in reader if row]
 
 
 def _words(comment: str) -> tuple[str, ...]:

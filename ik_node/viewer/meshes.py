@@ -52,7 +52,9 @@ def load(robot: Robot, folders: Iterable[str] = ()) -> tuple[MeshPart, ...]:
     """
     package_paths = package_folders(folders)
     try:
-        model = pin.buildGeomFromUrdfString(robot.model, robot.urdf, pin.GeometryType.VISUAL, None, package_paths)
+        model = pin.buildGeomFromUrdfString(
+            robot.model, robot.description.text, pin.GeometryType.VISUAL, None, package_paths
+        )
     except (ValueError, RuntimeError) as error:
         raise RobotError(" ".join(str(error).split())) from error
     parts = tuple(part for entry in model.geometryObjects for part in _parts(entry))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.distances import ClosestPair, DistanceQuery
+from ik_node.collision.monitor import UPRIGHT
 from ik_node.collision.scene import Scene, obstacle, shape
 from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import InputError, RecordingError, RobotError
@@ -66,12 +67,13 @@ class SceneHistory:
 
     def _apply(self, scene: Scene, sample: ObstacleSample, time_s: float, q: Array) -> Scene:
         if sample.action == "delete_all":
-            return Scene()
+            return scene.remove_all(sample.name.rpartition("/")[0])
         if sample.action == "delete":
             return scene.remove(sample.name)
         time_ns = round(time_s * NS)
         expires_ns = time_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
-        pose = se3.pose_from(sample.position, sample.quaternion, sample.name)
+        quaternion = UPRIGHT if sample.kind == "sphere" else sample.quaternion
+        pose = se3.pose_from(sample.position, quaternion, sample.name)
         if sample.frame_id not in ("", self._robot.base_frame):
             pose = self._robot.frame_pose(q, sample.frame_id) @ pose
         solid = shape(sample.kind, sample.size, sample.name)

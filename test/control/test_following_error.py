@@ -17,12 +17,20 @@ def monitor() -> FollowingErrorMonitor:
     return FollowingErrorMonitor(make_robot("panda"), FollowSettings())
 
 
-@pytest.mark.parametrize(("ratio", "text"), [(1.0, ""), (0.6, ""), (0.3, "less than commanded"), (0.0, "not move")])
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(1.0, ""), (0.6, ""), (0.3, "less than commanded"), (0.0, "not move"), (-0.5, "by itself")]
+)
 def test_the_status_depends_on_the_ratio_of_measured_motion(ratio: float, text: str) -> None:
     watch, position, command = monitor(), np.zeros(7), np.full(7, 0.5)
     found = [watch.update(tick * TICK_NS, position + ratio * tick * 1e-3 * command, command) for tick in range(1000)]
     assert not any(found[:250]), "no status before the short window has passed"
     assert text in found[-1] and bool(found[-1]) == bool(text)
+
+
+def test_motion_without_a_command_is_motion_by_itself() -> None:
+    watch, drift = monitor(), np.full(7, 0.5)
+    found = [watch.update(tick * TICK_NS, tick * 1e-3 * drift, np.zeros(7)) for tick in range(500)]
+    assert "by itself" in found[-1]
 
 
 def test_small_commanded_motions_are_not_evaluated() -> None:

@@ -91,6 +91,9 @@ def eventful(loop: Loop) -> None:
     controller.on_publishers("2 publishers on target_pose", loop.now)
     loop.run(0.1)
     controller.on_publishers("", loop.now)
+    controller.on_input_note("target_path target_path refused: 3000 poses", loop.now)
+    loop.run(0.1)
+    controller.on_input_note("target_path ", loop.now)
     for _ in range(15):  # no messages
         loop.time_ns += 10_000_000
         loop.take(controller.on_clock(loop.now))

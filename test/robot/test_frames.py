@@ -15,13 +15,13 @@ from loop import READY, Loop, make_robot
 
 from ik_node.control.controller import Controller
 from ik_node.control.controller_state import ControllerSnapshot
-from ik_node.errors import TargetRefused
+from ik_node.errors import InputError, TargetRefused
 from ik_node.interfaces.samples import ObstacleSample, PathSample, PoseSample, TrajectorySample, TwistSample, frames_of
 from ik_node.interfaces.step import Mode
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.json_codec import from_json, to_json
-from ik_node.robot.frames import transform_text
+from ik_node.robot.frames import Frames, transform_text
 from ik_node.ros.transforms import Transforms
 
 CAMERA = se3.exp(np.array([0.8, -0.2, 0.5, 0.3, -0.9, 1.7]))
@@ -114,7 +114,7 @@ def test_the_frames_of_every_input_are_found() -> None:
 def test_tf_is_looked_up_and_only_changes_are_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     """With tf2_ros: one pose per change, none for unconnected frames. Without it: none."""
     monkeypatch.setitem(sys.modules, "tf2_ros", None)
-    assert not list(Transforms(None).lookup("base", ["camera"]))
+    assert not list(Transforms(None).lookup("base", ["camera"], 0, 0))
 
     place = SimpleNamespace(x=1.0, y=2.0, z=3.0)
     turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -124,7 +124,9 @@ def test_tf_is_looked_up_and_only_changes_are_returned(monkeypatch: pytest.Monke
             del time
             if (base, frame) != ("base", "camera"):
                 raise LookupError(frame)
-            return SimpleNamespace(transform=SimpleNamespace(translation=place, rotation=turn))
+            stamp = SimpleNamespace(sec=0, nanosec=0)
+            transform = SimpleNamespace(translation=place, rotation=turn)
+            return SimpleNamespace(header=SimpleNamespace(stamp=stamp), transform=transform)
 
     tf2 = ModuleType("tf2_ros")
     tf2.Buffer = Buffer  # type: ignore[attr-defined]
@@ -132,7 +134,18 @@ def test_tf_is_looked_up_and_only_changes_are_returned(monkeypatch: pytest.Monke
     tf2.TransformException = LookupError  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "tf2_ros", tf2)
     transforms = Transforms(None)
-    assert list(transforms.lookup("base", ["camera", "moon"])) == ["camera 1.0 2.0 3.0 0.0 0.0 0.0 1.0"]
-    assert not list(transforms.lookup("base", ["camera"]))
+    assert list(transforms.lookup("base", ["camera", "moon"], 0, 0)) == ["camera 1.0 2.0 3.0 0.0 0.0 0.0 1.0"]
+    assert not list(transforms.lookup("base", ["camera"], 0, 0))
     place.x = 0.1
-    assert list(transforms.lookup("base", ["camera"])) == ["camera 0.1 2.0 3.0 0.0 0.0 0.0 1.0"]
+    assert list(transforms.lookup("base", ["camera"], 0, 0)) == ["camera 0.1 2.0 3.0 0.0 0.0 0.0 1.0"]
+
+
+def test_an_empty_frame_is_the_base_frame_and_valid_frames_are_no_joints() -> None:
+    robot = make_robot("panda")
+    frames = Frames(robot)
+    assert np.array_equal(frames.pose(""), np.eye(4))
+    with pytest.raises(InputError, match="unknown frame 'kitchen'; valid: ") as caught:
+        frames.pose("kitchen")
+    valid = str(caught.value).split("valid: ")[1].split(", ")
+    assert robot.base_frame in valid
+    assert not {"universe", *robot.joints} & set(valid)

@@ -23,7 +23,7 @@ from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.robot import catalogue
-from ik_node.robot.mimic import read_mimics
+from ik_node.robot.description import read_description
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ArmSettings, Settings
 
@@ -246,14 +246,14 @@ def test_robots_with_grippers_load_and_their_fingers_follow(name: str) -> None:
     urdf = catalogue.read_urdf(catalogue.find(name))
     free = re.sub(r"<mimic\b[^>]*/>", "", urdf)
     tried = 0
-    for joint, mimic in list(read_mimics(urdf).items())[:3]:
+    for joint, mimic in list(read_description(urdf).mimics.items())[:3]:
         found = re.search(rf'<joint[^>]*name="{joint}".*?<child\s+link="([^"]*)"', urdf, re.DOTALL)
         assert found is not None
         own, plain = Robot(urdf, tip_frame=found[1]), Robot(free, tip_frame=found[1])
         if mimic.master not in own.joints:
             continue
         q = random_position(own, GENERATOR)
-        rates = read_mimics(urdf)
+        rates = read_description(urdf).mimics
         values = dict(zip(own.joints, q.tolist(), strict=True))
         whole = [
             rates[j].multiplier * values[rates[j].master] + rates[j].offset if j in rates else values[j]
@@ -280,11 +280,11 @@ def test_what_cannot_be_followed_is_refused(tag: str, words: str) -> None:
 
 def test_a_tag_with_numbers_that_are_none() -> None:
     with pytest.raises(RobotError, match="joint 'joint3' has a mimic multiplier or offset that is not a number"):
-        read_mimics(description(tags={"joint3": '<mimic joint="joint1" multiplier="two"/>'}))
+        read_description(description(tags={"joint3": '<mimic joint="joint1" multiplier="two"/>'}))
     with pytest.raises(
-        RobotError, match="joint 'joint3' has mimic multiplier 1 and offset nan; expected finite numbers"
+        RobotError, match="joint 'joint3' has offset 'nan' in <mimic>; expected finite numbers up to 1e"
     ):
-        read_mimics(description(tags={"joint3": '<mimic joint="joint1" offset="nan"/>'}))
+        read_description(description(tags={"joint3": '<mimic joint="joint1" offset="nan"/>'}))
 
 
 def test_a_master_that_is_missing_matters_only_in_the_chain() -> None:

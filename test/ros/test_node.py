@@ -28,7 +28,7 @@ if rclpy:
     from lifecycle_msgs.srv import ChangeState, GetState
     from nav_msgs.msg import Path as PathMessage
     from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-    from rcl_interfaces.srv import DescribeParameters, SetParameters
+    from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import SetBool, Trigger
@@ -203,6 +203,43 @@ def test_parameters_say_what_they_are_and_change_at_run_time(peer: Peer, tmp_pat
     assert peer.mode == "holding"
 
 
+def test_the_values_of_all_parameters_are_one_answer(peer: Peer, tmp_path: Path) -> None:
+    """What `ros2 param dump` asks for: empty lists have their type, whole numbers have become doubles."""
+    arm = holding(peer, tmp_path, ["-p", "gain:=[9, 8.5]", "-p", "joints:=[]", "-p", "target.timeout_s:=1"])
+    listed = peer.call(ListParameters, "/ik_node/list_parameters", ListParameters.Request(), arm).result.names
+    assert {about.name for about in describe()} < set(listed)
+    answer = peer.call(GetParameters, "/ik_node/get_parameters", GetParameters.Request(names=listed), arm)
+    values = dict(zip(listed, answer.values, strict=True))
+    assert ParameterType.PARAMETER_NOT_SET not in {value.type for value in values.values()}
+    assert list(values["gain"].double_array_value) == [9.0, 8.5]
+    assert values["target.timeout_s"].double_value == 1.0
+    for about in describe():
+        if about.default == ():
+            is_text = about.element is str
+            kind = ParameterType.PARAMETER_STRING_ARRAY if is_text else ParameterType.PARAMETER_DOUBLE_ARRAY
+            assert values[about.name].type == kind, about.name
+    whole = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=2)
+    assert set_value(peer, "target.timeout_s", whole, arm) == (True, "")
+    text = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="long")
+    accepted, reason = set_value(peer, "target.timeout_s", text, arm)
+    assert not accepted
+    assert reason == "target.timeout_s is 'long' (string); valid: a double, 0.02 to 60 s"
+    assert set_value(peer, "gian", whole, arm) == (False, "unknown parameter 'gian'; nearest: gain")
+
+
+def test_a_file_for_another_node_and_a_missing_description_are_said(tmp_path: Path) -> None:
+    with peer_in_own_domain("/left_arm") as peer:
+        file = tmp_path / "p.yaml"
+        file.write_text("/**:\n  ik_node:\n    ros__parameters: {robot: ur5, gain: [1, 2.5]}\n")
+        process = peer.start("node", tmp_path, ["-r", "__node:=left_arm", "--params-file", str(file)])
+        waiting = "waiting for robot_description on /robot_description"
+        peer.until("the status", lambda: peer.reason == waiting)
+        assert peer.mode == "waiting"
+        log = process.log.read_text()
+        assert waiting in log
+        assert f"'{file}' has no parameters for node /left_arm; it has some for /**/ik_node" in log
+
+
 def test_the_robot_may_come_on_the_topic_with_meshes_nobody_has(peer: Peer, tmp_path: Path) -> None:
     peer.start("node", tmp_path, [*CALM, "-p", "tip_frame:=panda_link8"])
     publisher = peer.node.create_publisher(String, "/robot_description", qos.LATCHED)
@@ -230,11 +267,20 @@ def test_a_wrong_parameter_ends_the_process_with_its_reason(peer: Peer, tmp_path
         (["-p", "robot:=panda", "-p", "limits.acceleration:=[1.0, 2.0]"], "limits.acceleration has 2 values"),
         (["-p", "robot:=panda", "-p", "rate_hz:=5.0"], "Parameter rate_hz out of range Min: 10.0"),
         (["-p", "robot:=panda", "-p", "gain_linear:=5.0"], "'gain_linear' was replaced by gain = [linear, angular]"),
+        (["-p", "robot:=panda", "-p", "gain_liner:=5.0"], "unknown parameter 'gain_liner'; nearest: gain"),
+        (["-p", "robot:=panda", "-p", "gain:=fast"], "gain is 'fast' (string); valid: a list of 2 doubles"),
+        (["-p", "robot:=panda", "-p", "jog.timeout_s:=0"], "jog.timeout_s is 0.0; valid: 0.01 to 10 s"),
     ):
         process = peer.start("node", tmp_path, arguments)
         peer.until("the end of the process", lambda p=process: p.exit_code is not None)  # type: ignore[misc]
         assert process.exit_code == 1
         assert words in process.log.read_text()
+        assert "Traceback" not in process.log.read_text()
+    process = peer.start("node", tmp_path, ["-p", "gain:=[1, a]"])
+    peer.until("the end of the process", lambda: process.exit_code is not None)
+    assert process.exit_code == 2
+    text = process.log.read_text()
+    assert "error: arguments for ROS: Couldn't parse parameter override rule: '-p gain:=[1, a]'" in text
 
 
 def test_the_lifecycle_can_be_led_from_outside(peer: Peer, tmp_path: Path) -> None:

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from loop import READY, make_robot
-from ros_peer import CALM, FakeArm, Peer, peer_in_own_domain
+from ros_peer import CALM, FakeArm, Peer, peer_in_own_domain, rclpy
+
+from ik_node.ros import qos
+
+if rclpy:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from std_msgs.msg import Float64MultiArray
+    from std_srvs.srv import SetBool
 
 
 @pytest.fixture
@@ -19,13 +26,29 @@ def peer() -> Iterator[Peer]:
         yield found
 
 
-def moving(peer: Peer, folder: Path, timeout_s: float) -> FakeArm:
+def watchdog_states(peer: Peer) -> list[str]:
+    """What the node's diagnostics say of the watchdog, growing."""
+    states: list[str] = []
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        states.extend(entry.value for status in message.status for entry in status.values if entry.key == "watchdog")
+
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, qos.OUTPUT)
+    return states
+
+
+def ready(peer: Peer, arm: FakeArm) -> None:
+    """Waits until the node knows its watchdog."""
+    states = watchdog_states(peer)
+    peer.until("the watchdog", lambda: states[-1:] == ["ready"], arm)
+
+
+def moving(peer: Peer, folder: Path, timeout_s: float, arguments: Sequence[str] = ()) -> FakeArm:
     peer.start("watchdog", folder, ["-p", f"timeout_s:={timeout_s}"])
-    peer.start("node", folder, ["-p", "robot:=panda", *CALM])
+    peer.start("node", folder, ["-p", "robot:=panda", *CALM, *arguments])
     arm = FakeArm(peer, make_robot("panda"), READY["panda"])
     peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
-    watching = "/ik_node/commands"
-    peer.until("the watchdog", lambda: peer.node.count_publishers(watching) == 2, arm)
+    ready(peer, arm)
     goal = arm.pose()
     goal[2, 3] += 0.15
 
@@ -51,6 +74,52 @@ def test_a_killed_or_hanging_node_leaves_zeros(peer: Peer, tmp_path: Path, numbe
     assert last_zeros(peer) <= 6
     if number == signal.SIGSTOP:
         os.kill(peer.processes[1].pid, signal.SIGCONT)
+
+
+def test_a_node_that_continues_after_a_hang_commands_zeros_first(peer: Peer, tmp_path: Path) -> None:
+    arm = moving(peer, tmp_path, 0.1, ["-p", "state.timeout_s:=0.2"])
+    os.kill(peer.processes[1].pid, signal.SIGSTOP)
+    peer.until("zeros", lambda: not peer.commands[-1].any(), arm)
+    peer.until_silent(each=arm)
+    count = len(peer.commands)
+    os.kill(peer.processes[1].pid, signal.SIGCONT)
+    peer.until("the reason", lambda: "the node was held up for" in " ".join(map(str, peer.statuses)), arm)
+    peer.until("holding", lambda: peer.mode == "holding" and len(peer.commands) > count + 5, arm)
+    late = [command for command in peer.commands[count:] if command.any()]
+    assert not peer.commands[count].any()
+    assert max((np.abs(command).max() for command in late), default=0.0) < 1e-3
+
+
+def test_commands_of_others_are_left_alone(peer: Peer, tmp_path: Path) -> None:
+    """Another commander that falls silent at a velocity, slower than the time-out, gets no zeros."""
+    peer.start("watchdog", tmp_path, ["-p", "timeout_s:=0.05"])
+    peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM])
+    arm = FakeArm(peer, make_robot("panda"), READY["panda"])
+    peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
+    ready(peer, arm)
+    peer.call(SetBool, "/ik_node/pause", SetBool.Request(data=True), arm)
+    peer.until_silent(each=arm)
+    other = peer.node.create_publisher(Float64MultiArray, "/ik_node/commands", qos.COMMAND)
+    peer.until("the other commander", lambda: other.get_subscription_count() > 0)
+    count = len(peer.commands)
+    for _ in range(3):
+        other.publish(Float64MultiArray(data=[0.01] * 7))
+        peer.spin(0.3)
+    assert [command.any() for command in peer.commands[count:]] == [True] * 3
+    assert "the arm was stopped" not in peer.processes[0].log.read_text()
+
+
+def test_the_diagnostics_of_the_node_know_the_watchdog(peer: Peer, tmp_path: Path) -> None:
+    peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM])
+    arm = FakeArm(peer, make_robot("panda"), READY["panda"])
+    peer.until("holding", lambda: peer.mode == "holding" and bool(peer.commands), arm)
+    states = watchdog_states(peer)
+    peer.until("no watchdog", lambda: states[-1:] == ["absent"], arm)
+    watchdog = peer.start("watchdog", tmp_path)
+    peer.until("a watchdog", lambda: states[-1:] == ["ready"], arm)
+    assert "ready: zeros on /ik_node/commands after 0.1 s" in watchdog.log.read_text()
+    watchdog.stop(signal.SIGTERM, 60.0)
+    peer.until("no watchdog again", lambda: states[-1:] == ["absent"], arm)
 
 
 def test_a_node_that_ends_in_good_order_is_left_alone(peer: Peer, tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.records import Channel
 
+from ik_node.errors import InputError
 from ik_node.messages.cdr import STORE
 from ik_node.recording.mcap.file import ChannelInfo, Content
+from ik_node.settings.yaml_text import load_yaml
 
 VERSION = 9
 STORAGE = "mcap"
@@ -79,8 +81,8 @@ def _qos_text(qos: Qos) -> str:
 def _profiles(text: str) -> list[Any]:
     """QoS profiles of a channel; empty when they cannot be parsed."""
     try:
-        profiles = yaml.safe_load(text)
-    except yaml.YAMLError:
+        profiles = load_yaml(text)
+    except InputError:
         return []
     return profiles if isinstance(profiles, list) else []
 

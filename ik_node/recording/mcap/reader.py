@@ -12,17 +12,17 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
-from ik_node.errors import RecordingError
+from ik_node.errors import InputError, RecordingError
 from ik_node.recording.mcap.file import MAGIC
 from ik_node.recording.mcap.metadata import METADATA_FILE, ROOT, STORAGE
 from ik_node.recording.mcap.scan import DAMAGE_ERRORS, ChunkUnpacker, scan_messages, whole_records
+from ik_node.settings.yaml_text import bounded_text, load_yaml
 
 _SKIPPED = (Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA)
 """Records without messages."""
@@ -181,28 +181,59 @@ class Recording:
 def _read_metadata(directory: Path) -> dict[str, Any]:
     file = directory / METADATA_FILE
     try:
-        metadata = yaml.safe_load(file.read_text())[ROOT]
-        if metadata["storage_identifier"] != STORAGE:
-            storage = metadata["storage_identifier"]
-            raise RecordingError(f"'{directory}' is stored as {storage}; only {STORAGE} is supported")
+        content = load_yaml(bounded_text(file))
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise RecordingError(f"'{file}' cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+    except InputError as error:
         raise RecordingError(f"'{file}' is not the metadata of a recording: {error}") from error
-    return dict(metadata)
+    metadata = content.get(ROOT) if isinstance(content, dict) else None
+    if not isinstance(metadata, dict):
+        raise RecordingError(f"'{file}' is not the metadata of a recording: it has no mapping '{ROOT}'")
+    storage = metadata.get("storage_identifier")
+    if storage != STORAGE:
+        said = f"stored as {storage}" if storage else "without a storage_identifier"
+        raise RecordingError(f"'{directory}' is {said}; only {STORAGE} is supported")
+    names, custom = metadata.get("relative_file_paths"), metadata.get("custom_data")
+    if not isinstance(names, list) or not names:
+        raise RecordingError(f"'{file}' has no list relative_file_paths; name a file, or use ros2 bag reindex")
+    if custom is not None and not isinstance(custom, dict):
+        raise RecordingError(f"'{file}': custom_data is no mapping")
+    return metadata
 
 
 def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Path]:
-    """The files of a recording in their order; raises RecordingError when there is none."""
+    """The files of a recording in their order.
+
+    Args:
+        path: Folder or file.
+        metadata: Content of ``metadata.yaml``; its names are names of files in that folder.
+
+    Raises:
+        RecordingError: There is no file, or a name leads out of the folder.
+    """
     if path.is_file():
         return [path]
-    names = (metadata or {}).get("relative_file_paths")
-    if isinstance(names, list):
-        return [path / str(name) for name in names]
+    if metadata:
+        return [_inside(path, name) for name in metadata["relative_file_paths"]]
     found = [(match, file) for file in path.glob("*.mcap") if (match := _PART.search(file.name))]
     if not found:
         what = "contains no MCAP file of a recording" if path.is_dir() else "does not exist"
         raise RecordingError(f"'{path}' {what}")
-    return [file for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]
+    return [_inside(path, file.name) for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]
+
+
+def _inside(directory: Path, name: Any) -> Path:
+    """A regular file of a folder; others, which a recording of somebody else may name, are neither read nor written."""
+    if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set("/\\") & set(name):
+        raise RecordingError(f"'{directory}' names the file {name!r}; expected the name of a file in that folder")
+    file = directory / name
+    try:
+        if file.resolve().parent != directory.resolve():
+            raise RecordingError(f"'{file}' leads out of the folder; name the file itself to read it")
+        if file.exists() and not file.is_file():
+            raise RecordingError(f"'{file}' is no regular file")
+    except (OSError, RuntimeError) as error:  # a name too long, or a loop of links
+        raise RecordingError(f"'{file}' cannot be read: {error}") from error
+    return file

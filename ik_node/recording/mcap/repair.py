@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-import yaml
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, MessageIndex, Metadata, MetadataIndex, Schema
 
-from ik_node.errors import RecordingError
+from ik_node.errors import InputError, RecordingError
 from ik_node.recording.mcap.file import MAGIC, Content, McapFile
 from ik_node.recording.mcap.metadata import (
     DROPPED,
@@ -35,6 +34,7 @@ from ik_node.recording.mcap.scan import (
     scan_messages,
     whole_records,
 )
+from ik_node.settings.yaml_text import load_yaml
 
 _LEAST_ZEROS, _MOST_ZEROS = 512, 1 << 26
 """File systems fill blocks with zeros after a power cut; records contain no runs of this length."""
@@ -278,7 +278,7 @@ def _size_without_zeros(stream: BinaryIO, size: int) -> int:
 def _custom(text: str) -> dict[str, str]:
     """``custom_data`` in the metadata record of a file."""
     try:
-        metadata: Any = yaml.safe_load(text)
+        metadata: Any = load_yaml(text)
         return {str(key): str(value) for key, value in (metadata["custom_data"] or {}).items()}
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError):
+    except (InputError, KeyError, TypeError, AttributeError):
         return {}

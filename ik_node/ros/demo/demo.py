@@ -85,8 +85,9 @@ class Demonstration:
 
     def run(self) -> int:
         """Run; return 0, or 130 when interrupted. The recording is complete and reported in both cases."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._on_signal)
         out = self._options.out
         out.mkdir(parents=True)
         if is_cold():

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ik_node.errors import IkNodeError, TargetRefused
 from ik_node.interfaces.clock import NS, Instant
-from ik_node.interfaces.samples import PathSample, TrajectorySample
+from ik_node.interfaces.samples import FARTHEST_M, MAX_POSES, PathSample, TrajectorySample
 from ik_node.math import se3
 from ik_node.math.quaternion import Quaternion, from_matrix, normalised
 from ik_node.math.so3 import relative_rotation_vectors
@@ -24,12 +24,10 @@ from ik_node.targets.path.time_parametrisation import nominal_knots
 FramePose = Callable[[str], Array]
 """Function from the name of a frame {f} to T_sf (4, 4); raises IkNodeError with the known names."""
 
-FARTHEST_M = 100.0
-"""Positions further from {s} are refused."""
-MAX_POSES = 2000
-"""Longer paths are refused: preparing 1000 poses takes 10 ms."""
 MAX_AHEAD_S = 60.0
 """Paths that begin later than this from now are refused."""
+HARDEST = 1000.0
+"""Larger accelerations of a trajectory, m/s2 and rad/s2, are refused as errors."""
 FASTEST_M_S, FASTEST_RAD_S = 10.0, 30.0
 """Faster targets are refused as errors. A target within this that the arm cannot follow slows the path down."""
 SHORT_AFTER_EPOCH_NS = 365 * 86_400 * NS
@@ -131,6 +129,8 @@ def _knots(
     speeds = np.linalg.norm(sample.twists.reshape(-1, 2, 3), axis=2)
     _refuse_first(speeds[:, 0] > FASTEST_M_S, "pose {} has a velocity above " + f"{FASTEST_M_S:g} m/s")
     _refuse_first(speeds[:, 1] > FASTEST_RAD_S, "pose {} has an angular velocity above " + f"{FASTEST_RAD_S:g} rad/s")
+    too_hard = (np.abs(sample.accelerations) > HARDEST).any(axis=1)
+    _refuse_first(too_hard, "pose {} has an acceleration above " + f"{HARDEST:g} m/s2 or rad/s2")
     rotation = base[:3, :3]
     own = np.array([_matrix(orientation) for orientation in orientations])
 
@@ -182,7 +182,7 @@ def _in_base(
         here = np.array([name == frame for name in frame_ids])
         placed[here] = positions[here] @ base[:3, :3].T + base[:3, 3]
         turned[here] = (quaternions[here] / norms[here, None]) @ _left_product(from_matrix(base)).T
-    _refuse_first(np.abs(placed).max(axis=1) > FARTHEST_M, "pose {} is more than " + f"{FARTHEST_M:g} m away")
+    _refuse_first(~(np.abs(placed).max(axis=1) <= FARTHEST_M), "pose {} is more than " + f"{FARTHEST_M:g} m away")
     return placed, tuple(normalised((w, x, y, z)) for w, x, y, z in turned.tolist())
 
 

@@ -21,15 +21,15 @@ from ik_node.control.joint_states import JointState, JointStateMerger, JointStat
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
-from ik_node.control.steps import closed_loop_step
+from ik_node.control.steps import closed_loop_step, open_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
-from ik_node.differential_ik.posture import check_posture
 from ik_node.differential_ik.methods import check_masses
+from ik_node.differential_ik.posture import check_posture
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
 from ik_node.interfaces.snapshot import capture, restore
-from ik_node.interfaces.step import Level, Mode, Status, Step, bare_step
+from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames, FramesSnapshot
 from ik_node.robot.joint_limits import motion_limits
@@ -337,9 +337,8 @@ class Controller:
         conditions.extend(self._targets.warnings)
         self._status.note(REACH, self._targets.out_of_reach)
         self._status.set_conditions(conditions, now)
-        ended = self._targets.ended
-        mode = Mode.HOLDING if ended else Mode.TRACKING
-        self._status.set(Status(Level.OK, mode, self._targets.reason_when(ended)))
+        mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
+        self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))
 
     def _ready(self) -> JointState:
         """Last joint state while the control law is active; raises TargetRefused otherwise."""
@@ -397,9 +396,4 @@ class Controller:
         self._velocity_controller.command(velocity, now.monotonic_ns)
         self._last_step_ns = now.monotonic_ns
         self._tick += 1
-        state = self._state
-        if state is None:
-            position, pose_sb, time_ns = np.full(self.robot.n, np.nan), np.full((4, 4), np.nan), now.monotonic_ns
-        else:
-            position, pose_sb, time_ns = state.position, self.robot.pose(state.position), state.time_ns
-        return bare_step(self._tick - 1, now, time_ns, position, pose_sb, velocity, self.status)
+        return open_loop_step(self._tick - 1, now, self._state, self.robot, velocity, self.status)

@@ -210,10 +210,10 @@ class JointStateMerger:
         self._missing.fill(True)
         if now.monotonic_ns < self._contradicted_until_ns:
             raise StateRefused(self._reason)
-        self.received_ns = now.monotonic_ns
-        if time_ns <= self._last_time_ns:
+        if time_ns <= self._last_time_ns:  # no sign of life: a driver may repeat its last state
             self.out_of_order += 1
             return None
+        self.received_ns = now.monotonic_ns
         self._last_time_ns = time_ns
         return JointState(self._position.copy(), time_ns)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ik_node.control.joint_states import JointState
 from ik_node.control.velocity_controller import ControlOutput
 from ik_node.interfaces.clock import Instant
 from ik_node.interfaces.motion import Motion
-from ik_node.interfaces.step import Status, Step
+from ik_node.interfaces.step import Status, Step, bare_step
 from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
 from ik_node.targets.arbiter import TargetArbiter
 
 
@@ -61,3 +64,25 @@ def closed_loop_step(
         closest_pair=solution.closest.names,
         status=status,
     )
+
+
+def open_loop_step(
+    tick: int, now: Instant, state: JointState | None, robot: Robot, velocity: Array, status: Status
+) -> Step:
+    """Assembles the Step of a command that no control law has computed.
+
+    Args:
+        tick: Number of the step.
+        now: Time of the command.
+        state: Last joint state; None when none is valid, and position and pose are NaN.
+        robot: The arm.
+        velocity: Command, (n,), rad/s (m/s).
+        status: Status in force.
+
+    Returns:
+        The Step.
+    """
+    if state is None:
+        nothing = np.full(robot.n, np.nan), np.full((4, 4), np.nan)
+        return bare_step(tick, now, now.monotonic_ns, *nothing, velocity, status)
+    return bare_step(tick, now, state.time_ns, state.position, robot.pose(state.position), velocity, status)

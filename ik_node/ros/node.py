@@ -22,7 +22,6 @@ from ik_node.control.joint_states import CONTRADICTION
 from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import NS, Instant
-from ik_node.interfaces.samples import frames_of, stamp_of
 from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.jit import is_cold
 from ik_node.messages.encode import Outgoing
@@ -229,7 +228,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             return
         self._note_input(entry.name, "", now)
         try:
-            self._look_up_frames(sample, now)
+            if self._transforms.pass_frames(self._calls, sample, now):
+                self._tf_warning = ""
             self._calls.call(kind, now, sample, data)
         except TransformRefused as error:
             self._tf_warning = f"{entry.name} refused: {error}"
@@ -246,25 +246,6 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self._input_notes[name] = note
             self._calls.call(CallKind.ON_INPUT_NOTE, now, f"{name} {note}")
             self._publish_status()
-
-    def _look_up_frames(self, sample: object, now: Instant) -> None:
-        """Pass poses from tf to the controller, of frames of a sample that are not in the robot model."""
-        if self._calls is None:
-            return
-        robot = self._calls.controller.robot
-        frames = frames_of(sample)
-        if "" in frames:
-            text = f"frame_id is empty; the base frame '{robot.base_frame}' is used"
-            self.get_logger().warning(text, once=True)
-        unknown = [frame for frame in frames if frame and frame not in robot.frames]
-        if not unknown:
-            return
-        self._tf_warning = ""
-        for transform in self._transforms.lookup(robot.base_frame, unknown, stamp_of(sample), now.ros_ns):
-            try:
-                self._calls.call(CallKind.ON_TRANSFORM, now, transform)
-            except IkNodeError as error:
-                self.get_logger().warning(f"transform refused: {error}", throttle_duration_sec=1.0)
 
     def _on_description(self, message: String) -> None:
         self._robot_description = message.data

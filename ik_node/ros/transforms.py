@@ -8,7 +8,11 @@ from typing import Any
 
 from rclpy.time import Time
 
-from ik_node.errors import TargetRefused
+from ik_node.errors import IkNodeError, TargetRefused
+from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.samples import frames_of, stamp_of
+from ik_node.messages.step_codec import CallKind
+from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.frames import transform_text
 
 MAX_AGE_S = 0.5
@@ -24,6 +28,7 @@ class Transforms:
 
     def __init__(self, node: Any, tf2_ros: Any = None) -> None:
         self._buffer: Any = None
+        self._node = node
         self._last: dict[str, str] = {}
         try:
             tf2_ros = tf2_ros or importlib.import_module("tf2_ros")
@@ -32,6 +37,32 @@ class Transforms:
         self._failure = tf2_ros.TransformException
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
+
+    def pass_frames(self, calls: RecordedController, sample: object, now: Instant) -> bool:
+        """Pass poses from tf to the controller, of frames of a sample that are not in the robot model.
+
+        Args:
+            calls: The controller.
+            sample: A decoded input.
+            now: Time of its arrival.
+
+        Returns:
+            Whether the sample has such frames.
+
+        Raises:
+            TransformRefused: A transform is too old.
+        """
+        robot, frames = calls.controller.robot, frames_of(sample)
+        if "" in frames:
+            text = f"frame_id is empty; the base frame '{robot.base_frame}' is used"
+            self._node.get_logger().warning(text, once=True)
+        unknown = [frame for frame in frames if frame and frame not in robot.frames]
+        for transform in self.lookup(robot.base_frame, unknown, stamp_of(sample), now.ros_ns):
+            try:
+                calls.call(CallKind.ON_TRANSFORM, now, transform)
+            except IkNodeError as error:
+                self._node.get_logger().warning(f"transform refused: {error}", throttle_duration_sec=1.0)
+        return bool(unknown)
 
     def lookup(self, base: str, frames: Iterable[str], stamp_ns: int, now_ns: int) -> Iterator[str]:
         """Yield the pose of each of ``frames`` in ``base`` that has changed since the last call.

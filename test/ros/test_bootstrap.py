@@ -23,7 +23,7 @@ def is_set_up() -> bool:
     assert specification.loader is not None
     bootstrap = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(bootstrap)
-    return (bootstrap.VENV / "installed-1").is_file() and (bootstrap.BIN / "ik_node").is_file()
+    return all(path.is_file() for path in (bootstrap.VENV / "installed-1", bootstrap.BIN / "ik_node"))
 
 
 @pytest.mark.skipif(not is_set_up(), reason="needs the .venv that bootstrap.py makes in this checkout")

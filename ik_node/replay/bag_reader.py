@@ -110,7 +110,9 @@ def _hint(path: Path) -> str:
     with contextlib.suppress(OSError):
         folder = path if path.is_dir() else path.parent
         if any(folder.glob("*.db3-wal")):
-            return "; a .db3-wal lies beside it, so that it was not closed: open it once with sqlite3 or ros2 bag info"
+            return (
+                "; it was not closed (a .db3-wal lies beside it): sqlite3 FILE.db3 'PRAGMA wal_checkpoint' completes it"
+            )
     return ""
 
 

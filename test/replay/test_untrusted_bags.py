@@ -55,7 +55,7 @@ def write_bag(directory: Path, last_ns: int = 0, extra: str = "") -> Path:
             writer.add_message(other, times[3], b'{"a":1}', times[3])
         for time_ns in times:
             writer.add_message(states, time_ns, encode_joint_state(JOINTS, time_ns, Q), time_ns)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     topics = [("/joint_states", JOINT_STATE, "cdr", COUNT)] + ([("/other", "some.Type", extra, 1)] if extra else [])
     write_metadata(
         directory,
@@ -190,7 +190,8 @@ def test_a_recording_that_lost_its_sequence_numbers(tmp_path: Path) -> None:
     loop = recorded_loop(tmp_path / "bag", {"rate_hz": 100.0})
     for gain in (3.0, 4.0, 5.0):
         loop.follow(figure_of_eight(loop.pose()).pose, 0.3, 50.0)
-        loop.controller.apply(loop.controller.settings.with_values({"gain": (gain, gain)}), loop.now)
+        controller: Any = loop.controller
+        controller.apply(loop.controller.settings.with_values({"gain": (gain, gain)}), loop.now)
     loop.run(0.1)
     finish(loop)
     (original,) = (tmp_path / "bag").glob("*.mcap")
@@ -208,7 +209,7 @@ def test_a_recording_that_lost_its_sequence_numbers(tmp_path: Path) -> None:
                 register = partial(writer.register_channel, channel.topic, channel.message_encoding)
                 channels[channel.id] = register(schemas[schema.id], channel.metadata)
             writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time, 0)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     one, other = load_run(original), load_run(converted)
     assert one.setting_changes == other.setting_changes
     assert len(one.setting_changes) == 3

@@ -10,7 +10,7 @@ import pytest
 viser = pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
-from websockets.typing import Subprotocol  # noqa: E402
+from websockets.typing import Origin, Subprotocol  # noqa: E402
 
 from ik_node.viewer.server import is_own_origin, serve  # noqa: E402
 
@@ -29,11 +29,11 @@ def test_other_origins_and_hosts_are_refused() -> None:
         assert status(port, "evil.example") == 403
         assert status(port, f"localhost:{port}", "http://evil.example") == 403
         options: dict[str, Any] = {"subprotocols": [Subprotocol(f"viser-v{viser.__version__}")], "open_timeout": 60.0}
-        with connect(f"ws://127.0.0.1:{port}", origin=f"http://127.0.0.1:{port}", **options) as own:
+        with connect(f"ws://127.0.0.1:{port}", origin=Origin(f"http://127.0.0.1:{port}"), **options) as own:
             assert own.recv(60.0)
         for origin in ("http://evil.example", "null", f"http://localhost:{port + 1}"):
             with pytest.raises(InvalidStatus, match="403"):
-                connect(f"ws://127.0.0.1:{port}", origin=origin, **options)
+                connect(f"ws://127.0.0.1:{port}", origin=Origin(origin), **options)
     finally:
         server.stop()
 

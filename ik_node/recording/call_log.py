@@ -110,6 +110,7 @@ class RecordedCalls:
         inputs = {topic: waiting[source] for topic, source in self._inputs.items()}
         pending: _PendingCall | None = None
         step: bytes | None = None
+        has_calls = False
         for message in self.recording.messages({*self._roles, *self._inputs}):
             topic, _, data, _, _, number = message
             role = self._roles.get(topic)
@@ -118,6 +119,12 @@ class RecordedCalls:
             elif role == STEP:
                 step = data
             elif role == CALLS:
+                if number == 0 and has_calls:
+                    raise RecordingError(
+                        f"'{self.path}' has lost its sequence numbers (ros2 bag convert writes 0), which name the"
+                        " arguments of calls; replay the original recording"
+                    )
+                has_calls = True
                 if pending is not None:
                     yield RecordedCall(*pending, step)
                 pending, step = self._pending_call(message, waiting), None

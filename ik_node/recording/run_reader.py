@@ -187,12 +187,17 @@ def _changes(now_ns: NDArray[np.int64], status: tuple[Any, ...], start_ns: int) 
 
 
 def _without_repetitions(messages: list[RecordedMessage]) -> list[RecordedMessage]:
-    """The messages without the repetitions in later files."""
-    return list({message.sequence: message for message in reversed(messages)}.values())[::-1]
+    """The messages without the repetitions in later files.
+
+    The data are compared too: they have a stamp, and the sequence numbers may have been lost (all 0).
+    """
+    return list({(message.sequence, message.data): message for message in reversed(messages)}.values())[::-1]
 
 
 def _targets(messages: _Messages, clock: _Clock) -> RecordedTargets:
     called = {call.sequence: call.now for call in messages.calls if call.kind is CallKind.ON_TARGET_POSE}
+    if len({message.sequence for message in messages.targets}) < len(messages.targets):
+        called = {}  # `ros2 bag convert` writes no sequence numbers (all 0); the times of recording remain
     samples = [decode_pose(message.data) for message in messages.targets]
     times = [
         clock.of(called[message.sequence]) if message.sequence in called else clock.of_ros(message.log_time_ns)

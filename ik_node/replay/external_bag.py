@@ -6,34 +6,34 @@ recorded, on both clocks, and a clock call every 10 ms.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import Connection
 
 from ik_node.control.controller import Controller
 from ik_node.errors import InputError, RecordingError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.math.types import Array
-from ik_node.messages.cdr import STORE, serialize
 from ik_node.messages.decode import decode_joint_state, decode_string
 from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.encode import encode_joint_state
 from ik_node.messages.step_codec import Call, CallKind
 from ik_node.recording.call_log import RecordedCall
 from ik_node.recording.input_table import INPUTS, JOINT_STATES
+from ik_node.recording.mcap.reader import Topic
 from ik_node.recording.run import RecordedTargets
 from ik_node.recording.run_recorder import STEP
+from ik_node.replay.bag_reader import BagReader
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
 CLOCK_PERIOD_NS = NS // 100
 """Period of the controller's clock call in the node."""
+LONGEST_GAP_NS = 60 * NS
+"""Time without messages after which clock calls are left out: six times the longest ``timeout_s``, so that the arm has
+been ramped down. A bag whose times leap by years would otherwise make a call every 10 ms of them."""
 DESCRIPTION = "robot_description"
 RATE_MARGIN = 1.1
 """Ratio of rate_hz to the rate of the joint states; above 1, so that each of them makes a control step."""
@@ -66,6 +66,7 @@ class ExternalBag:
         self.path = path
         self._remap = dict(remap or {})
         self._start = start
+        self._reader = BagReader(path)
         self.used = self._inspect()
         """Topic of the bag -> input of the node, and number of messages."""
         self._urdf = self._description()
@@ -90,17 +91,25 @@ class ExternalBag:
         return self.initial_settings
 
     def entries(self) -> Iterator[RecordedCall]:
-        """The messages as calls, with clock calls between them."""
+        """The messages as calls, with clock calls between them.
+
+        After :data:`LONGEST_GAP_NS` without a message only the last clock call of the gap is made. The result is the
+        same: without joint states the controller is at rest by then, and at rest a clock call changes nothing but the
+        time, of which the next call has its own.
+        """
         number = 0
-        next_ns = 0
+        next_ns = last_ns = 0
         for kind, time_ns, data in self._messages():
             next_ns = next_ns or time_ns + CLOCK_PERIOD_NS
             while next_ns <= time_ns:
+                if last_ns + LONGEST_GAP_NS < next_ns < time_ns - CLOCK_PERIOD_NS:
+                    next_ns += (time_ns - next_ns) // CLOCK_PERIOD_NS * CLOCK_PERIOD_NS
                 yield RecordedCall(number, Call(CallKind.ON_CLOCK, -1, Instant(next_ns, next_ns)), b"", None)
                 next_ns += CLOCK_PERIOD_NS
                 number += 1
             yield RecordedCall(number, Call(kind, number, Instant(time_ns, time_ns)), data, None)
             number += 1
+            last_ns = time_ns
 
     def targets(self) -> RecordedTargets:
         """All target poses that can be decoded."""
@@ -124,40 +133,29 @@ class ExternalBag:
 
     # --- the bag -----------------------------------------------------------------------------------------------------
 
-    def _open(self) -> AnyReader:
-        try:
-            reader = AnyReader([self.path], default_typestore=STORE)
-            reader.open()
-        except (AnyReaderError, FileNotFoundError) as error:
-            raise RecordingError(f"'{self.path}' cannot be read as a bag: {error}") from error
-        return reader
-
-    def _input_of(self, connection: Connection) -> str:
+    def _input_of(self, topic: Topic) -> str:
         """The input that a topic is used for, by remapping or by its name; empty for none."""
-        if connection.topic in self._remap:
-            name = self._remap[connection.topic]
+        if topic.name in self._remap:
+            name = self._remap[topic.name]
             if name not in _TYPES:
                 raise RecordingError(f"unknown input '{name}'; valid: {', '.join(_TYPES)}")
-            if connection.msgtype != _TYPES[name]:
+            if topic.type_name != _TYPES[name]:
                 expected = f"{name} takes {_TYPES[name]}"
-                raise RecordingError(f"topic '{connection.topic}' has type {connection.msgtype}; {expected}")
+                raise RecordingError(f"topic '{topic.name}' has type {topic.type_name}; {expected}")
             return name
-        name = connection.topic.rpartition("/")[2]
+        name = topic.name.rpartition("/")[2]
         free = name not in self._remap.values()
-        return name if free and _TYPES.get(name) == connection.msgtype else ""
+        return name if free and _TYPES.get(name) == topic.type_name else ""
 
     def _inspect(self) -> dict[str, tuple[str, int]]:
-        reader = self._open()
-        try:
-            used: dict[str, tuple[str, int]] = {}
-            for connection in reader.connections:
-                name = self._input_of(connection)
-                if name:
-                    used[connection.topic] = (name, used.get(connection.topic, (name, 0))[1] + connection.msgcount)
-            missing = [topic for topic in self._remap if topic not in {c.topic for c in reader.connections}]
-            held = ", ".join(f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in reader.connections) or "nothing"
-        finally:
-            reader.close()
+        counts = self._reader.counts
+        used: dict[str, tuple[str, int]] = {}
+        for topic, count in counts.items():
+            name = self._input_of(topic)
+            if name:
+                used[topic.name] = (name, used.get(topic.name, (name, 0))[1] + count)
+        missing = [name for name in self._remap if name not in {topic.name for topic in counts}]
+        held = ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts.items()) or "nothing"
         if missing:
             raise RecordingError(f"'{self.path}' has no topic {', '.join(missing)}; it holds: {held}")
         if not any(count for name, count in used.values() if name in _KIND_OF):
@@ -176,15 +174,8 @@ class ExternalBag:
 
     def _raw(self, topics: list[str]) -> Iterator[tuple[str, tuple[int, bytes]]]:
         """Topic, and time and CDR bytes of each message, in the order of their times."""
-        reader = self._open()
-        try:
-            connections = [connection for connection in reader.connections if connection.topic in topics]
-            if connections:
-                for connection, time_ns, data in reader.messages(connections=connections):
-                    cdr = bytes(data) if reader.is2 else _as_ros2(reader.deserialize(data, connection.msgtype))
-                    yield connection.topic, (time_ns, cdr)
-        finally:
-            reader.close()
+        for topic, time_ns, data in self._reader.messages(topics):
+            yield topic, (time_ns, data)
 
     def _messages(self) -> Iterator[tuple[CallKind, int, bytes]]:
         """The used messages; those that cannot be decoded are left out."""
@@ -206,23 +197,27 @@ class ExternalBag:
             yield from generated
 
     def _generated_states(self) -> Iterator[tuple[CallKind, int, bytes]]:
-        """Joint states at ``start`` for a bag without any: at ``rate_hz``, for its duration and one more second."""
+        """Joint states at ``start`` for a bag without any: at ``rate_hz``, for its duration and one more second.
+
+        In gaps they end after :data:`LONGEST_GAP_NS`.
+        """
         if not self._start:
             return
-        times = [time_ns for _, (time_ns, _) in self._raw(list(self.used))]
+        times = sorted(time_ns for _, (time_ns, _) in self._raw(list(self.used)))
         position: Array = np.array(self._start, dtype=np.float64)
         period_ns = round(NS / self.initial_settings.control.rate_hz)
-        for time_ns in range(min(times), max(times) + NS, period_ns):
-            yield _KIND_OF[JOINT_STATES], time_ns, encode_joint_state(self._robot.joints, time_ns, position)
+        next_ns = times[0]
+        for time_ns, following_ns in zip(times, [*times[1:], times[-1] + NS], strict=True):
+            while next_ns < min(following_ns, time_ns + LONGEST_GAP_NS):
+                yield _KIND_OF[JOINT_STATES], next_ns, encode_joint_state(self._robot.joints, next_ns, position)
+                next_ns += period_ns
+            if next_ns < following_ns:  # a gap
+                next_ns += -((next_ns - following_ns) // period_ns) * period_ns
 
     def _at_its_rate(self, settings: Settings) -> Settings:
         topics = [topic for topic, (name, _) in self.used.items() if name == JOINT_STATES]
         controlled = set(self._robot.joints)
-        times = [
-            time_ns
-            for _, (time_ns, data) in self._raw(topics)
-            if topics and controlled & set(decode_joint_state(data).names)
-        ]
+        times = [time_ns for _, (time_ns, data) in self._raw(topics) if topics and controlled & set(_names(data))]
         if len(times) < 2:
             return settings
         rate_hz = RATE_MARGIN * NS / max(float(np.median(np.diff(times))), 1.0)
@@ -232,24 +227,14 @@ class ExternalBag:
 def is_external_bag(path: Path) -> bool:
     """True for a bag without the topics of a run of this package."""
     try:
-        with AnyReader([path], default_typestore=STORE) as reader:
-            return not any(connection.topic.endswith(f"/{STEP}") for connection in reader.connections)
-    except (AnyReaderError, FileNotFoundError):
+        return not any(topic.name.endswith(f"/{STEP}") for topic in BagReader(path).counts)
+    except RecordingError:
         return False
 
 
-def _as_ros2(message: Any) -> bytes:
-    """CDR bytes of a ROS 1 message as the ROS 2 type of the same name, which may have fewer fields."""
-    return serialize(_recast(message))
-
-
-def _recast(message: Any) -> Any:
-    target: Any = STORE.types[message.__msgtype__]
-    fields = [entry.name for entry in dataclasses.fields(target)]
-    return target(**{name: _recast_value(getattr(message, name)) for name in fields})
-
-
-def _recast_value(value: Any) -> Any:
-    if hasattr(value, "__msgtype__"):
-        return _recast(value)
-    return [_recast_value(entry) for entry in value] if isinstance(value, list) else value
+def _names(data: bytes) -> tuple[str, ...]:
+    """Joints of a joint state; none when it cannot be decoded."""
+    try:
+        return decode_joint_state(data).names
+    except InputError:
+        return ()

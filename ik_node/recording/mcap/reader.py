@@ -216,16 +216,24 @@ def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Pa
     if path.is_file():
         return [path]
     if metadata:
-        return [_inside(path, name) for name in metadata["relative_file_paths"]]
+        return [inside(path, name) for name in metadata["relative_file_paths"]]
     found = [(match, file) for file in path.glob("*.mcap") if (match := _PART.search(file.name))]
     if not found:
         what = "contains no MCAP file of a recording" if path.is_dir() else "does not exist"
         raise RecordingError(f"'{path}' {what}")
-    return [_inside(path, file.name) for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]
+    return [inside(path, file.name) for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]
 
 
-def _inside(directory: Path, name: Any) -> Path:
-    """A regular file of a folder; others, which a recording of somebody else may name, are neither read nor written."""
+def inside(directory: Path, name: Any) -> Path:
+    """A regular file of a folder.
+
+    Args:
+        directory: Folder of a recording, perhaps of somebody else.
+        name: Name of a file in it, as ``metadata.yaml`` has it.
+
+    Raises:
+        RecordingError: The name leads out of the folder or to a device; such a file is neither read nor written.
+    """
     if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set("/\\") & set(name):
         raise RecordingError(f"'{directory}' names the file {name!r}; expected the name of a file in that folder")
     file = directory / name

@@ -157,7 +157,6 @@ GOOD = (0.0, 0.0, 0.0, 1.0)
         ((0.4, 0.0, 0.5), (0.0, 0.0, 0.0, 1.01), "panda_link0", "norm 1.01"),
         ((0.4, 0.0, 0.5), (np.nan, 0.0, 0.0, 1.0), "panda_link0", "not finite"),
         ((0.4, 0.0, 0.5), GOOD, "map", "unknown frame 'map'; valid: .*panda_hand_tcp"),
-        ((0.4, 0.0, 0.5), GOOD, "", "unknown frame ''"),
     ],
 )
 def test_an_invalid_target_is_refused_with_a_reason_and_the_next_valid_one_accepted(

@@ -67,7 +67,7 @@ class RecordedCaller:
         self.call(CallKind.ON_TRANSFORM, now, answer)
 
     def on_input_note(self, text: str, now: Instant) -> None:
-        self._call(CallKind.ON_INPUT_NOTE, now, text)
+        self.call(CallKind.ON_INPUT_NOTE, now, text)
 
     def on_publishers(self, conflict: str, now: Instant) -> None:
         self.call(CallKind.ON_PUBLISHERS, now, conflict)

@@ -265,7 +265,7 @@ def test_a_wrong_parameter_ends_the_process_with_its_reason(peer: Peer, tmp_path
         (["-p", "robot:=panda", "-p", "tip_frame:=nose"], "unknown frame 'nose'; valid: "),
         (["-p", "robot:=panda", "-p", "joints:=[panda_joint9]"], "unknown joint 'panda_joint9'; valid: "),
         (["-p", "robot:=panda", "-p", "limits.acceleration:=[1.0, 2.0]"], "limits.acceleration has 2 values"),
-        (["-p", "robot:=panda", "-p", "rate_hz:=5.0"], "Parameter rate_hz out of range Min: 10.0"),
+        (["-p", "robot:=panda", "-p", "rate_hz:=5.0"], "rate_hz is 5.0; valid: 10 to 2000 Hz"),
         (["-p", "robot:=panda", "-p", "gain_linear:=5.0"], "'gain_linear' was replaced by gain = [linear, angular]"),
         (["-p", "robot:=panda", "-p", "gain_liner:=5.0"], "unknown parameter 'gain_liner'; nearest: gain"),
         (["-p", "robot:=panda", "-p", "gain:=fast"], "gain is 'fast' (string); valid: a list of 2 doubles"),

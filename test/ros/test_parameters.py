@@ -202,7 +202,7 @@ def moving() -> Loop:
 
 @pytest.mark.parametrize("about", [about for about in describe() if not about.read_only], ids=lambda about: about.name)
 def test_while_the_arm_moves(moving: Loop, about: Descriptor) -> None:
-    """A change is accepted, or refused with a line that names the parameter; the arm goes on in either case."""
+    """A change is accepted, or refused with a line that names the parameter; the arm keeps moving in both cases."""
     before = moving.controller.settings
     goal = moving.pose()
     goal[2, 3] += -0.1 if goal[2, 3] > 0.5 else 0.1

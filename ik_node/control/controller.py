@@ -20,7 +20,7 @@ from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import REACH, StatusSnapshot
-from ik_node.control.step_timer import StepTimer, TimerSnapshot
+from ik_node.control.step_timer import RECOVERY_S, StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step, open_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
 from ik_node.differential_ik.methods import check_masses
@@ -38,7 +38,8 @@ from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
 from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
 
-MAX_TARGET_AHEAD_S = 0.5
+MAX_AGE_NS = round(MAX_STAMP_AGE_S * NS)
+MAX_AHEAD_NS = NS // 2
 """Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
 NO_SUBSCRIBER = Status(Level.WARN, Mode.STOPPED, "no subscriber on the command topic")
 
@@ -95,6 +96,11 @@ class Controller:
         return not self._state_machine.moving
 
     @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of joint states, of control steps made and late, and of clock calls, for the diagnostics."""
+        return {"steps": self._tick, **self._timer.counts()}
+
+    @property
     def collision_monitor(self) -> CollisionMonitor:
         """Collision geometry and obstacles."""
         return self._velocity_controller.solver.collision_monitor
@@ -109,6 +115,8 @@ class Controller:
         """
         if (step := self._stop_when_late(now)) is not None:
             return step
+        if self._joint_states.is_stale(now):
+            self._timer.skip_silence(now.monotonic_ns)
         try:
             state = self._joint_states.add(sample, now)
         except StateRefused as error:
@@ -118,21 +126,21 @@ class Controller:
             self._status.set_condition(self._joint_states.warning, True, now)
         if self._joint_states.settled and self._state_machine.moving:
             return self._stop(now, Level.ERROR, self._joint_states.settled)
-        if state is None or not self._timer.is_due(state.time_ns):
+        if state is None or not self._timer.is_due(state.time_ns, now.monotonic_ns):
             return None
         try:
             return self._on_state(state, now)
         except Exception as error:  # any exception must stop the arm, with its reason in the status
             reason = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
-            return self._fault(now, reason)
+            self._state_machine.fault(reason)
+            return self._bare_step(now, np.zeros(self.robot.n))
 
     def on_target_pose(self, sample: inputs.PoseSample, now: Instant) -> None:
         """Adds a pose of the target stream."""
         with self._refusals():
             pose_sd = self._frames.pose_of(sample, "target")
             check_distance(pose_sd)
-        max_age_ns, max_ahead_ns = round(MAX_STAMP_AGE_S * NS), round(MAX_TARGET_AHEAD_S * NS)
-        stamped = to_monotonic(sample.stamp_ns, now, max_age_ns, max_ahead_ns)
+        stamped = to_monotonic(sample.stamp_ns, now, MAX_AGE_NS, MAX_AHEAD_NS)
         condition = "target stamps disagree with this clock; the time of arrival is used"
         self._status.set_condition(condition, stamped.skew_ns != 0, now)
         if self._state_machine.closed_loop:
@@ -158,8 +166,7 @@ class Controller:
 
     def on_obstacles(self, samples: tuple[inputs.ObstacleSample, ...], now: Instant) -> None:
         """Adds, changes and deletes obstacles; raises SceneError naming those that cannot be used."""
-        max_age_ns = round(MAX_STAMP_AGE_S * NS)
-        errors = self.collision_monitor.update_obstacles(samples, self._frames, now, max_age_ns)
+        errors = self.collision_monitor.update_obstacles(samples, self._frames, now, MAX_AGE_NS)
         self._status.note("obstacles", f"obstacle refused: {errors}" if errors else "")
         if errors:
             raise SceneError(errors)
@@ -196,16 +203,14 @@ class Controller:
         Returns:
             The Step with the command; None when there is none.
         """
+        self._timer.add_clock_call(now.monotonic_ns)
         if (step := self._stop_when_late(now)) is not None:
             return step
         overdue = now.monotonic_ns - self._last_step_ns >= MAX_RAMP_GAP_PERIODS * self._timer.period_s * NS
         if self._state_machine.ramp is not None and overdue:
             return self._ramp_step(now)
-        if self.status.mode is Mode.WAITING and self._joint_states.missing():
-            missing = ", ".join(self._joint_states.missing())
-            self._status.set(Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {missing}"))
-        if self.status.mode is Mode.WAITING and self._joint_states.rejected(now):
-            self._status.set(Status(Level.ERROR, Mode.WAITING, self._joint_states.stale_reason()))
+        if self.status.mode is Mode.WAITING and (waiting := self._joint_states.waiting_status(now)) is not None:
+            self._status.set(waiting)
         return None
 
     # --- requests ----------------------------------------------------------------------------------------------------
@@ -220,6 +225,7 @@ class Controller:
 
     def resume(self) -> None:
         """Ends a pause; the arm holds the measured position. Has no effect when not paused."""
+        self._timer.skip_clock_calls()
         self._state_machine.resume()
 
     def reset(self) -> None:
@@ -309,9 +315,8 @@ class Controller:
 
     def _stop_status(self, state: JointState, now: Instant) -> Status | None:
         """Status when the arm must stop; None when it may move."""
-        too_slow = self._timer.too_slow
-        if too_slow:
-            return Status(Level.ERROR, Mode.STOPPED, too_slow)
+        if self._timer.too_slow:
+            return Status(Level.ERROR, Mode.STOPPED, self._timer.too_slow)
         if self._subscribers == 0:
             return NO_SUBSCRIBER
         if self._state_machine.closed_loop and self.settings.follow.enabled:
@@ -332,8 +337,7 @@ class Controller:
     def _report(self, now: Instant, output: ControlOutput) -> None:
         self._status.note("limits")
         conditions = self._velocity_controller.conditions(output)
-        if self._joint_states.skew_ns != 0:
-            conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
+        conditions += [text for text in (self._timer.warning, self._joint_states.skew_warning) if text]
         conditions.extend(self._targets.warnings)
         self._status.note(REACH, self._targets.out_of_reach)
         self._status.set_conditions(conditions, now)
@@ -369,9 +373,10 @@ class Controller:
         late = reason_when_late(self._state_machine, self._joint_states, since_step_ns, self._timer.period_s, now)
         if late is None:
             return None
-        if late.is_held_up:
-            self._retry_ns = now.monotonic_ns + round(RESTART_S * NS)
-        return self._stop(now, Level.ERROR, late.reason)
+        delay_s = self._timer.restart_delay_s(now.monotonic_ns, RESTART_S if late.is_held_up else 0.0)
+        self._retry_ns = now.monotonic_ns + round(delay_s * NS)
+        repeated = f"; repeated, continues after {delay_s:g} s" if delay_s >= RECOVERY_S else ""
+        return self._stop(now, Level.ERROR, late.reason + repeated)
 
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Commands zero at once; the next valid state starts again, unless paused or in a fault."""
@@ -381,10 +386,6 @@ class Controller:
         self._state = self._frames.position = None
         self._timer.reset_interval()
         return self._bare_step(now, np.zeros(self.robot.n)) if was_moving else None
-
-    def _fault(self, now: Instant, reason: str) -> Step:
-        self._state_machine.fault(reason)
-        return self._bare_step(now, np.zeros(self.robot.n))
 
     def _ramp_step(self, now: Instant) -> Step:
         self._status.note("limits", self._velocity_controller.slowing())

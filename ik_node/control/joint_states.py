@@ -19,6 +19,7 @@ from ik_node.control import plausibility
 from ik_node.errors import StateRefused
 from ik_node.interfaces.clock import NS, Instant, to_monotonic
 from ik_node.interfaces.samples import JointSample
+from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.math.angles import joint_difference
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -234,6 +235,19 @@ class JointStateMerger:
         """Why no message has been accepted for ``state.timeout_s``; empty while there are none, or accepted ones."""
         is_recent = now.monotonic_ns - self._rejected_ns <= self.timeout_s * NS
         return self._reason if 0 < self._rejected_ns > self.received_ns and is_recent and self.is_stale(now) else ""
+
+    def waiting_status(self, now: Instant) -> Status | None:
+        """Status while the first position of a joint has not arrived, or no message is accepted; None otherwise."""
+        if self.rejected(now):
+            return Status(Level.ERROR, Mode.WAITING, self.stale_reason())
+        if missing := self.missing():
+            return Status(Level.OK, Mode.WAITING, f"waiting for a joint state of {', '.join(missing)}")
+        return None
+
+    @property
+    def skew_warning(self) -> str:
+        """Status text while the stamps are not plausible; empty otherwise."""
+        return "joint state stamps disagree with this clock; the time of arrival is used" if self.skew_ns else ""
 
     def missing(self) -> tuple[str, ...]:
         """Names of the controlled joints for which no position has arrived yet."""

@@ -8,10 +8,15 @@ cause                                             response
 the target stream ends or pauses                  the reference brakes within its bounds; the last pose is held
 pause, deactivation, a signal                     ramp to zero within the acceleration limits, then no commands
 no subscriber on the command topic                the same ramp; continues with the next subscriber
-joint states too slow, or not followed            the same ramp; continues when the cause is gone
-joint states stale or not finite                  zero velocity at once; continues from the measured position
-the process was held up (stopped, starved)        the same
-joint states not possible, or contradictory       ignored; zero velocity at once if that lasts
+joint states, or this machine, too slow           the same ramp; continues after 2 s at a distinctly higher rate
+not followed, or moved by something else          the same ramp; a new attempt after 1 s
+joint states stale                                zero velocity at once; continues from the measured position
+the process was held up (stopped, starved)        the same, 0.1 s later
+either of these again within 10 s                 the same, 2 s later; after each further one twice as long
+joint states not finite                           zero velocity at once; continues with the next finite ones
+joint states not possible                         ignored; zero velocity at once if that lasts
+joint states that contradict each other           zero velocity at once; continues after 1 s without contradiction
+a position that has jumped, and stays there       zero velocity at once; continues from there
 an exception or a non-finite result               zero velocity at once; stays stopped until reset
 ================================================  =============================================================
 """

@@ -1,4 +1,10 @@
-"""Timing of the control steps: which joint states make a step, and the mean interval between joint states."""
+"""Timing of the control steps: which joint states make a step, their mean interval, and whether they are fast enough.
+
+Joint states that arrive and clock calls that are made are two measurements. Both wait in the same queue of the
+executor, so late clock calls mean that this machine does not keep up, whatever the driver publishes: of the joint
+states that wait DDS keeps the newest only, and those that it drops cannot be counted here. With clock calls on time the
+joint states themselves are too slow.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +14,47 @@ from ik_node.interfaces.clock import NS
 
 INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean."""
+RATE_WINDOW_S = 0.5
+"""Time constant of the measured rates: long beside the bursts in which a busy machine works (some 10 ms)."""
 MIN_RATE_FRACTION = 0.3
-"""Joint states slower than this fraction of ``rate_hz`` are a fault."""
+"""Below this fraction of ``rate_hz`` the arm is stopped."""
+RESTART_FRACTION = 0.5
+"""From this fraction of ``rate_hz`` on the arm may start again, after :data:`RECOVERY_S`."""
+RECOVERY_S = 2.0
+"""Time at that rate before the arm starts again; after a silence that repeats, time since its stop."""
+MAX_RECOVERY_S = 16.0
+"""That time doubles with each stop that follows soon, because a stopped arm costs less computing time
+than a moving one; at most to this."""
+RELAPSE_S = 10.0
+"""A stop within this time after the last one, or after the last restart, is its repetition."""
+CLOCK_PERIOD_S = 0.01
+"""Period of the clock calls, which detect missing inputs."""
+CLOCK_FRACTIONS = (0.7, 0.9)
+"""Below the first fraction of their rate the clock calls are late and the machine does not keep up; above the second it
+does."""
+SLOW_FRACTIONS = (0.7, 0.85)
+"""Fractions of ``rate_hz``: below the first a machine that does not keep up is reported, above the second no more."""
+LATE_PERIODS = 2.0
+"""A joint state that makes a control step is late when it arrives more than this many periods of ``rate_hz`` after the
+last one."""
+
+
+class EventRate(NamedTuple):
+    """Rate of events; immutable, so that a snapshot may hold it."""
+
+    hz: float
+    """Mean over about :data:`RATE_WINDOW_S`."""
+    last_ns: int = 0
+    """Monotonic time of the last event; 0: the next event only begins an interval."""
+
+    def after(self, now_ns: int) -> EventRate:
+        """The rate after an event at a monotonic time."""
+        if self.last_ns == 0:
+            return EventRate(self.hz, now_ns)
+        interval_s = (now_ns - self.last_ns) / NS
+        if interval_s >= RATE_WINDOW_S:
+            return EventRate(1.0 / interval_s, now_ns)
+        return EventRate(self.hz + (1.0 - self.hz * interval_s) / RATE_WINDOW_S, now_ns)
 
 
 class TimerSnapshot(NamedTuple):
@@ -17,10 +62,20 @@ class TimerSnapshot(NamedTuple):
 
     interval_s: float
     due_ns: int
+    due: EventRate
+    clock: EventRate
+    too_slow: str
+    warning: str
+    slow_ns: int
+    stopped_ns: int
+    recovery_s: float
+    states: int
+    steps_late: int
+    clock_calls: int
 
 
 class StepTimer:
-    """Limits the mean rate of the control steps, and measures the rate of the joint states."""
+    """Limits the mean rate of the control steps, and measures whether joint states and clock calls come in time."""
 
     def __init__(self, rate_hz: float) -> None:
         """``rate_hz``: largest mean rate of the control steps."""
@@ -28,14 +83,42 @@ class StepTimer:
         self.period_ns = round(self.period_s * NS)
         self.interval_s = self.period_s
         """Running mean of the interval between control steps, s."""
+        self.too_slow = ""
+        """Why the rate is too low to move; empty when it is high enough. Has hysteresis in rate and time."""
+        self.warning = ""
+        """Status text while the machine does not keep up but is fast enough to move; empty otherwise."""
+        self.states = 0
+        """Number of complete joint states that arrived."""
+        self.steps_late = 0
+        """Number of joint states that make a control step, and arrived late: see :data:`LATE_PERIODS`."""
+        self.clock_calls = 0
+        """Number of clock calls; one is wanted every :data:`CLOCK_PERIOD_S`."""
+        self._rate_hz = rate_hz
         self._due_ns = 0
+        self._due = EventRate(rate_hz)
+        self._clock = EventRate(1.0 / CLOCK_PERIOD_S)
+        self._slow_ns = self._stopped_ns = 0
+        self._recovery_s = 0.0
 
-    def is_due(self, time_ns: int) -> bool:
-        """True when the joint state of a monotonic time makes a control step; keeps the mean rate below rate_hz."""
+    def is_due(self, time_ns: int, now_ns: int) -> bool:
+        """Counts a joint state and decides whether it makes a control step; keeps the mean rate below rate_hz.
+
+        Args:
+            time_ns: Monotonic time of the measurement.
+            now_ns: Monotonic time of its arrival.
+
+        Returns:
+            True when the joint state makes a control step. :attr:`too_slow` and :attr:`warning` are then up to date.
+        """
+        self.states += 1
         period_ns = self.period_ns
         if time_ns < self._due_ns - period_ns // 4:
             return False
         self._due_ns = max(self._due_ns, time_ns - period_ns) + period_ns
+        if self._due.last_ns and now_ns - self._due.last_ns > LATE_PERIODS * period_ns:
+            self.steps_late += 1
+        self._due = self._due.after(now_ns)
+        self._evaluate(now_ns)
         return True
 
     def add_interval(self, interval_s: float) -> None:
@@ -46,10 +129,65 @@ class StepTimer:
         """Sets the running mean to the nominal period."""
         self.interval_s = self.period_s
 
-    @property
-    def too_slow(self) -> str:
-        """Status text when the joint states are too slow; empty when they are fast enough."""
-        slowest_s = self.period_s / MIN_RATE_FRACTION
-        if self.interval_s > slowest_s:
-            return f"joint states slower than {1.0 / slowest_s:.0f} Hz, {MIN_RATE_FRACTION:g} of rate_hz"
-        return ""
+    def add_clock_call(self, now_ns: int) -> None:
+        """Counts a clock call at a monotonic time."""
+        self.clock_calls += 1
+        self._clock = self._clock.after(now_ns)
+
+    def skip_silence(self, now_ns: int) -> None:
+        """Leaves a silence of the joint states, which is reported as such, out of their rate. It ends now."""
+        self._due = self._due._replace(last_ns=0)
+        self._slow_ns = now_ns
+
+    def skip_clock_calls(self) -> None:
+        """Leaves a time without clock calls, before the node is active, out of their rate. It ends now."""
+        self._clock = self._clock._replace(last_ns=0)
+
+    def restart_delay_s(self, now_ns: int, shortest_s: float = 0.0) -> float:
+        """Time without control after a stop at a monotonic time, s.
+
+        Args:
+            now_ns: Time of the stop.
+            shortest_s: Time when the last stop, or restart, is longer than :data:`RELAPSE_S` ago.
+
+        Returns:
+            ``shortest_s``; otherwise twice the last time, from :data:`RECOVERY_S` to :data:`MAX_RECOVERY_S`. While
+            :attr:`too_slow` holds, the time that it names.
+        """
+        if self.too_slow:
+            return self._recovery_s
+        repeats = 0 < self._stopped_ns >= now_ns - round((RELAPSE_S + self._recovery_s) * NS)
+        self._recovery_s = min(max(2.0 * self._recovery_s, RECOVERY_S), MAX_RECOVERY_S) if repeats else shortest_s
+        self._stopped_ns = now_ns
+        return self._recovery_s
+
+    def counts(self) -> dict[str, int]:
+        """Numbers of joint states that arrived, of those that were late, and of clock calls, for the diagnostics."""
+        return {"joint_states": self.states, "steps_late": self.steps_late, "clock_calls": self.clock_calls}
+
+    def _evaluate(self, now_ns: int) -> None:
+        hz, clock = self._due.hz, self._clock.hz * CLOCK_PERIOD_S
+        is_late, is_in_time = clock < CLOCK_FRACTIONS[0], clock > CLOCK_FRACTIONS[1]
+        if self.too_slow:
+            if hz < RESTART_FRACTION * self._rate_hz:
+                self._slow_ns = now_ns
+            elif now_ns - self._slow_ns >= self._recovery_s * NS:
+                self.too_slow, self._stopped_ns = "", now_ns
+        elif hz < MIN_RATE_FRACTION * self._rate_hz:
+            self._slow_ns = now_ns
+            self.too_slow = self._reason(is_late, self.restart_delay_s(now_ns, RECOVERY_S))
+        slow, fast = SLOW_FRACTIONS
+        if self.too_slow or is_in_time or hz > fast * self._rate_hz:
+            self.warning = ""
+        elif is_late and hz < slow * self._rate_hz and not self.warning:
+            self.warning = f"this machine makes fewer than {slow * self._rate_hz:.0f} control steps per second"
+
+    def _reason(self, is_late: bool, delay_s: float) -> str:
+        least = f"{MIN_RATE_FRACTION * self._rate_hz:.0f}"
+        what = (
+            f"this machine makes fewer than {least} control steps per second"
+            if is_late
+            else f"joint states arrive slower than {least} Hz"
+        )
+        again = f"continues after {delay_s:g} s above {RESTART_FRACTION * self._rate_hz:.0f} Hz"
+        return f"{what}, {MIN_RATE_FRACTION:g} of rate_hz; {again}"

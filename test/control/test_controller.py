@@ -416,7 +416,7 @@ def test_joint_states_that_are_too_slow_stop_the_arm_with_the_reason(panda: Robo
     assert "slower than 150 Hz" in loop.controller.status.reason
     assert not loop.steps[-1].joint_velocity.any()
     loop.period_ns = round(NS / 500)
-    loop.run(1.0)
+    loop.run(3.0)
     assert loop.mode() is Mode.HOLDING
 
 

@@ -96,11 +96,12 @@ class FollowingErrorMonitor:
             command: Command since the last measurement, (n,), rad/s (m/s).
 
         Returns:
-            Why the robot does not follow, as text; empty while it follows or the commanded motion is too small.
+            Why the robot does not follow, as text that names the joint with the largest deviation; empty while it
+            follows or the commanded motion is too small.
         """
         if self._count == len(self._rows.times_ns):
             self.restore(self.capture())
-        self._first, self._count, status = _updated(
+        self._first, self._count, status, begin = _updated(
             *self._rows,
             self._first,
             self._count,
@@ -112,7 +113,19 @@ class FollowingErrorMonitor:
             MIN_MOTION,
             self._settings.min_ratio,
         )
-        return MESSAGES[status]
+        return f"{MESSAGES[status]}; largest deviation at joint '{self._deviating(begin)}'" if status else ""
+
+    def _deviating(self, begin: int) -> str:
+        """Name of the joint whose commanded and measured motion since the measurement in row ``begin`` differ most."""
+        rows, end = self._rows, (self._first + self._count - 1) % len(self._rows.times_ns)
+        commanded = rows.commanded[end] - rows.commanded[begin]
+        deviation = [
+            abs(distance - joint_difference(*way))
+            for distance, *way in zip(
+                commanded, rows.positions[begin], rows.positions[end], self._robot.continuous, strict=True
+            )
+        ]
+        return self._robot.joints[int(np.argmax(deviation))]
 
 
 def _empty_rows(count: int, n: int) -> FollowingErrorSnapshot:
@@ -136,13 +149,17 @@ def _updated(
     window_ns: int,
     min_motion: float,
     min_ratio: float,
-) -> tuple[int, int, int]:
-    """Appends a row to the ring buffer; returns the new first row, the new number of rows, and the status."""
+) -> tuple[int, int, int, int]:
+    """Appends a row to the ring buffer.
+
+    Returns:
+        The new first row, the new number of rows, the status, and the first row of the window that it describes.
+    """
     rows, n = len(times_ns), len(position)
     last, now = (first + count - 1) % rows, (first + count) % rows
     times_ns[now], positions[now], commanded[now], sums[now] = time_ns, position, 0.0, 0.0
     if count == 0:
-        return first, 1, FOLLOWS
+        return first, 1, FOLLOWS, first
     elapsed_s = (time_ns - times_ns[last]) / NS
     followed, squared = 0.0, 0.0
     for i in range(n):
@@ -156,14 +173,16 @@ def _updated(
         first, count = (first + 1) % rows, count - 1
     span_ns = time_ns - times_ns[first]
     if span_ns < window_ns:
-        return first, count, FOLLOWS
+        return first, count, FOLLOWS, first
     # Measurements are almost evenly spaced: the row one window ago is found by proportion, without a search.
     ago = round(window_ns / span_ns * (count - 1))
     recent = (first + max(count - 1 - ago, 0)) % rows
-    status = _status(positions, commanded, sums, recent, now, continuous, min_motion, min_ratio)
+    begin = recent
+    status = _status(positions, commanded, sums, begin, now, continuous, min_motion, min_ratio)
     if status == FOLLOWS:
-        status = _status(positions, commanded, sums, first, now, continuous, min_motion, min_ratio)
-    return first, count, status
+        begin = first
+        status = _status(positions, commanded, sums, begin, now, continuous, min_motion, min_ratio)
+    return first, count, status, begin
 
 
 @compiled

@@ -33,6 +33,27 @@ def test_motion_without_a_command_is_motion_by_itself() -> None:
     assert "by itself" in found[-1]
 
 
+@pytest.mark.parametrize(("ratio", "text"), [(0.3, "less than commanded"), (0.0, "not move"), (-0.5, "by itself")])
+@pytest.mark.parametrize("joint", [0, 3])
+def test_the_joint_that_does_not_follow_is_named(joint: int, ratio: float, text: str) -> None:
+    """One joint is moved; the others have small commands, which they follow."""
+    watch, command = monitor(), np.full(7, 0.05)
+    command[joint] = 0.5
+    factor = np.ones(7)
+    factor[joint] = ratio
+    reason = [watch.update(tick * TICK_NS, tick * 1e-3 * factor * command, command) for tick in range(1000)][-1]
+    assert text in reason
+    assert reason.endswith(f"; largest deviation at joint 'panda_joint{joint + 1}'")
+
+
+def test_a_joint_that_moves_without_a_command_is_named() -> None:
+    watch, drift = monitor(), np.zeros(7)
+    drift[5] = -0.5
+    found = [watch.update(tick * TICK_NS, tick * 1e-3 * drift, np.zeros(7)) for tick in range(2500)]
+    assert "by itself" in found[-1]
+    assert found[-1].endswith("largest deviation at joint 'panda_joint6'")
+
+
 def test_small_commanded_motions_are_not_evaluated() -> None:
     watch, command = monitor(), np.full(7, 1e-3)
     assert not any(watch.update(tick * TICK_NS, np.zeros(7), command) for tick in range(5000))

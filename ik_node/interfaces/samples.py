@@ -66,6 +66,8 @@ class PathSample(NamedTuple):
     """(N, 3), m."""
     quaternions: Array
     """(N, 4), x y z w."""
+    stamp_ns: int = 0
+    """Header stamp of the path, ROS time at which its frames are placed; 0 means "now"."""
 
 
 class TrajectorySample(NamedTuple):
@@ -108,7 +110,7 @@ def frames_of(sample: object) -> tuple[str, ...]:
 
 
 def stamp_of(sample: object) -> int:
-    """ROS time, in ns, at which the frames of a target or of obstacles are wanted; 0 means the newest."""
+    """ROS time, in ns, at which the frames of a target or of obstacles are placed: the header stamp; 0: the newest."""
     first = sample[0] if isinstance(sample, tuple) and sample and isinstance(sample[0], ObstacleSample) else sample
-    # The times of a path or trajectory lie ahead; tf has no transform for them.
-    return first.stamp_ns if isinstance(first, (PoseSample, ObstacleSample, TwistSample)) else 0
+    stamped = (PoseSample, ObstacleSample, PathSample, TrajectorySample, TwistSample)
+    return first.stamp_ns if isinstance(first, stamped) else 0

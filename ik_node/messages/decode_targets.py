@@ -43,7 +43,7 @@ def decode_path(data: bytes) -> PathSample:
             before the poses are.
     """
     with reading(data, PATH_TYPE) as cursor:
-        cursor.stamp()
+        stamp_ns = cursor.stamp()
         own = cursor.string()
         count = cursor.bounded_count(MAX_POSES, "poses")
         cursor.check_size(MAX_PATH_BYTES)
@@ -55,7 +55,7 @@ def decode_path(data: bytes) -> PathSample:
             frames.append(cursor.string() or own)
             numbers.append(cursor.floats(7))
     poses = _rows(numbers, 7)
-    return PathSample(tuple(frames), tuple(stamps), poses[:, :3].copy(), poses[:, 3:].copy())
+    return PathSample(tuple(frames), tuple(stamps), poses[:, :3].copy(), poses[:, 3:].copy(), stamp_ns)
 
 
 def decode_trajectory(data: bytes) -> TrajectorySample:

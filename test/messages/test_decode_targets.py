@@ -82,6 +82,7 @@ def test_paths(length: int) -> None:
     for data in both_orders(path_message(frames, "own", numbers)):
         sample = decode_path(data)
         assert sample.frame_ids == tuple(frame or "own" for frame in frames)
+        assert sample.stamp_ns == 5
         assert sample.stamps_ns == tuple(1_700_000_000 * NS + index for index in range(5))
         assert np.array_equal(sample.positions, numbers[:, :3])
         assert np.array_equal(sample.quaternions, numbers[:, 3:])

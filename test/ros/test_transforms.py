@@ -5,10 +5,15 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from loop import READY, Loop, make_robot
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
 
+from ik_node.interfaces.clock import Instant  # noqa: E402
+from ik_node.interfaces.samples import PathSample, PoseSample, TrajectorySample, TwistSample  # noqa: E402
+from ik_node.replay.recorded_controller import RecordedController  # noqa: E402
 from ik_node.ros.transforms import TransformRefused, Transforms  # noqa: E402
 
 S = 1_000_000_000
@@ -51,6 +56,41 @@ def test_the_transform_at_the_stamp_is_taken_else_the_newest() -> None:
     assert newest.startswith("camera 10.0 ")
     assert list(tf.lookup("base", ["camera"], 0, 10 * S)) == [], "unchanged"
     assert list(tf.lookup("base", ["kitchen"], 0, 10 * S)) == []
+
+
+PLACE, TURN, NONE = np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]), np.empty((0, 6))
+TIMES_NS = (20 * S,)
+"""A time of a pose of a path lies ahead; its transform is wanted at the header stamp."""
+
+
+def sample_of(kind: str, stamp_ns: int) -> object:
+    if kind == "pose":
+        return PoseSample(stamp_ns, "camera", PLACE[0], TURN[0])
+    if kind == "path":
+        return PathSample(("camera",), TIMES_NS, PLACE, TURN, stamp_ns)
+    if kind == "trajectory":
+        return TrajectorySample(stamp_ns, "camera", TIMES_NS, PLACE, TURN, NONE, NONE)
+    return TwistSample(stamp_ns, "camera", np.zeros(6))
+
+
+@pytest.mark.parametrize("kind", ["pose", "path", "trajectory", "twist"])
+@pytest.mark.parametrize(("stamp_s", "taken_s"), [(9.8, 9.0), (10.2, 10.0), (0.0, 10.0), (12.0, 10.0)])
+def test_every_target_is_placed_at_its_header_stamp(kind: str, stamp_s: float, taken_s: float) -> None:
+    """A stamp ahead of tf, as of a trajectory that starts later, and no stamp: the newest transform."""
+    loop = Loop(make_robot("panda"), READY["panda"])
+    loop.run(0.02)
+    now = Instant(loop.now.monotonic_ns, 9 * S + S // 4 if taken_s == 9.0 else 10 * S + S // 4)
+    calls = RecordedController(loop.controller)
+    assert transforms().pass_frames(calls, sample_of(kind, round(stamp_s * S)), now)
+    assert loop.controller.capture().frames.transforms["camera"][0, 3] == taken_s
+
+
+@pytest.mark.parametrize("kind", ["pose", "path", "trajectory", "twist"])
+def test_every_target_with_an_old_transform_is_refused(kind: str) -> None:
+    loop = Loop(make_robot("panda"), READY["panda"])
+    calls = RecordedController(loop.controller)
+    with pytest.raises(TransformRefused, match=r"transform from camera to panda_link0 is 1.2 s old"):
+        transforms().pass_frames(calls, sample_of(kind, 9 * S), Instant(S, 10 * S + S // 5))
 
 
 def test_an_old_transform_is_refused_with_its_age() -> None:

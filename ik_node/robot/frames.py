@@ -50,8 +50,7 @@ class Frames:
         if not frame:
             return self._robot.base_frame
         if frame not in self._robot.frames and frame not in self.transforms:
-            hidden = {"universe", *self._robot.joints}  # not frames that a target is given in
-            valid = sorted({*self._robot.frames, *self.transforms} - hidden)
+            valid = sorted({*self._robot.frames, *self.transforms})
             raise InputError(f"unknown frame '{frame}'; valid: {', '.join(valid)}")
         return frame
 

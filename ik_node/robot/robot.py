@@ -68,9 +68,9 @@ class Robot:
         self.model = reduced(full, held, held_at(full, mimics))
         self.data = self.model.createData()
         self._position_key, self._all_columns = b"", np.zeros(0)
-        named = (frame.name for frame in self.model.frames if frame.type != pin.FrameType.JOINT)
-        self.frames: tuple[str, ...] = tuple(dict.fromkeys(named))
-        """Names of all frames of the model."""
+        links = (frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
+        self.frames: tuple[str, ...] = tuple(dict.fromkeys((*links, self.base_frame, self.tip_frame)))
+        """Names of the links, in which targets and obstacles may be given; joints are none."""
         self.urdf = urdf
         self.joints = tuple(joint_prefix + name for name in model_joints)
         self._model_joints = model_joints

@@ -10,6 +10,7 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from loop import READY, Loop, make_robot
 
@@ -98,6 +99,21 @@ def test_a_frame_of_the_model_cannot_be_moved_by_a_transform() -> None:
     loop = holding()
     loop.controller.on_transform(transform(CAMERA).replace("camera", "panda_link3"), loop.now)
     assert "panda_link3" not in loop.controller.capture().frames.transforms
+
+
+def test_only_links_are_valid_frames() -> None:
+    """Fixed joints, locked joints and the root of Pinocchio are frames of its model, but no frames of tf."""
+    loop = holding()
+    robot = loop.robot
+    links = {frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY}
+    assert set(robot.frames) == links
+    fixed = {frame.name for frame in robot.model.frames if frame.type == pin.FrameType.FIXED_JOINT}
+    assert {"universe", "panda_joint8"} <= fixed
+    for name in (*fixed - links, *robot.joints):
+        with pytest.raises(TargetRefused) as refused:
+            loop.controller.on_target_pose(seen(loop.pose())._replace(frame_id=name), loop.now)
+        listed = str(refused.value).split("valid: ")[1].split(", ")
+        assert set(listed) == links
 
 
 def test_the_frames_of_every_input_are_found() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ik_node.errors import InputError
 from ik_node.interfaces.samples import JointSample
 from ik_node.math.types import Array
 from ik_node.messages.cdr import LITTLE_ENDIAN, deserialize, floats_at, reading, stamp_at
@@ -26,6 +27,9 @@ MAX_JOINTS = 256
 """Names or positions of one message: a humanoid with two hands has about 80 joints."""
 MAX_STATE_BYTES = 65_536
 """Size of a joint state: 256 joints with names of 200 bytes, positions, velocities and efforts."""
+MAX_DESCRIPTION_BYTES = 8_000_000
+"""Size of a robot description: the characters that are accepted (:data:`ik_node.robot.description.MAX_CHARACTERS`) with
+4 bytes each. More is not decoded."""
 MAX_COMMAND_BYTES = 4_096
 """Size of a command: 256 numbers and a layout."""
 _HEAD_BEGIN = 12
@@ -64,6 +68,13 @@ def decode_joint_state(data: bytes) -> JointSample:
 def decode_string(data: bytes) -> str:
     """The text of a std_msgs/String; raises InputError for other bytes."""
     return str(deserialize(data, "std_msgs/msg/String").data)
+
+
+def decode_description(data: bytes) -> str:
+    """The text of a std_msgs/String; raises InputError for other bytes and for long messages."""
+    if len(data) > MAX_DESCRIPTION_BYTES:
+        raise InputError(f"{len(data)} bytes; at most {MAX_DESCRIPTION_BYTES} are accepted")
+    return decode_string(data)
 
 
 def decode_command(data: bytes) -> Array:

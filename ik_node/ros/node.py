@@ -14,7 +14,6 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
@@ -31,22 +30,23 @@ from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.ros import parameters, qos, start_arguments
-from ik_node.ros.input_queue import InputQueue
+from ik_node.ros.description_topic import DescriptionTopic
+from ik_node.ros.input_queue import CLOCK_PERIOD_S, InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
+from ik_node.ros.status_log import StatusLog
 from ik_node.ros.steady_timer import create_steady_timer
-from ik_node.ros.transforms import TransformRefused, Transforms
+from ik_node.ros.step_rates import StepRates
+from ik_node.ros.throttled_log import ThrottledLog
+from ik_node.ros.transforms import Transforms
 from ik_node.ros.watchdog_status import WatchdogStatus
 from ik_node.settings.groups import Settings
 
 TARGET_TOPICS = tuple(entry.topic for entry in INPUTS.values() if entry.name.startswith("target"))
 """Topics that may have one publisher only."""
 JOINT_STATES = INPUTS[CallKind.ON_JOINT_STATE].topic
-CLOCK_PERIOD_S = 0.01
-"""Period of the calls that detect missing inputs."""
 MARKER_PERIOD_S = 0.1
-OTHER_DESCRIPTION = "another robot_description was published; it is ignored until the node is configured again"
 
 
 class IkNode(LifecycleNode):  # type: ignore[misc]
@@ -60,9 +60,10 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         for line in start_arguments.unused_files(arguments, self.get_fully_qualified_name()):
             self.get_logger().warning(line)
         self._autostart = parameters.declare(self)
-        self._robot_description = ""
-        self._other_description = ""
-        self._tf_warning = ""
+        self._log = ThrottledLog(self)
+        self._status_log = StatusLog(self._write_log)
+        self._rates = StepRates()
+        self._joint_states_skipped = 0
         self._configured_with = ""
         self._calls: RecordedController | None = None
         self._recorder = NodeRecorder(self)
@@ -75,7 +76,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._queue = InputQueue(lambda kind, data: self._on_input(kind, INPUTS[kind], data, self._now()))
         self._publisher = StepPublisher(self)
         self._watchdog = WatchdogStatus(self)
-        self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
+        self._description = DescriptionTopic(self, self._log, self._on_description)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/record", self._on_record)
@@ -93,22 +94,21 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         del state
         try:
             settings = parameters.read(self)
-            robot = robot_from_settings(settings.arm, self._robot_description)
+            robot = robot_from_settings(settings.arm, self._description.text)
             controller = Controller(robot, settings)
             self._calls = RecordedController(controller, self._send)
             arm = settings.arm
-            self._configured_with = "" if arm.robot or arm.robot_description else self._robot_description
-            self._check_description(robot, self._configured_with)
+            self._configured_with = "" if arm.robot or arm.robot_description else self._description.text
+            self._description.check(robot, self._configured_with)
             self._warm_up(robot, settings)
             self._publisher.configure(robot, settings)
-        except IkNodeError as error:
-            self.get_logger().error(f"not configured: {error}")
+        except Exception as error:  # rclpy would change to the error state, which ends the node, without a message
+            is_expected = isinstance(error, IkNodeError)
+            self.get_logger().error(f"not configured: {error if is_expected else traceback.format_exc()}")
+            reason = str(error) if is_expected else f"{type(error).__name__}: {error}"
+            self._publisher.publish_status(Status(Level.ERROR, Mode.WAITING, f"not configured: {reason}"))
             self._calls = None
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would change to the error state, without a message
-            self.get_logger().error(f"not configured: {traceback.format_exc()}")
-            self._calls = None
-            return TransitionCallbackReturn.FAILURE  # the error state would end the node
         if settings.recording.enabled:
             try:
                 self._start_recording()
@@ -141,6 +141,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """Ramp to zero, then respond."""
         self._ramp_to_rest("deactivated")
         self._active = False
+        self._queue.clear()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -168,11 +169,12 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def _autostarted(self) -> bool:
         """Configure and activate once a robot is known; return False when that failed."""
         arm = parameters.read(self).arm
-        is_known = bool(arm.robot or arm.robot_description or self._robot_description)
+        is_known = bool(arm.robot or arm.robot_description or self._description.text)
         if self._autostart and not is_known:
-            waiting = f"waiting for robot_description on {self.resolve_topic_name('robot_description')}"
+            waiting = f"waiting for robot_description on {self._description.name}"
             self.get_logger().info(waiting)
-            self._publisher.publish_status(Status(Level.OK, Mode.WAITING, waiting))
+            status = Status(Level.OK, Mode.WAITING, waiting).with_warning(self._description.refusal)
+            self._publisher.publish_status(status)
         if not (self._autostart and is_known and self._calls is None):
             return True
         is_configured = self.trigger_configure() == TransitionCallbackReturn.SUCCESS
@@ -210,9 +212,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         entry = INPUTS[kind]
 
         def on_bytes(data: bytes) -> None:
-            if self._active and entry.streamed:
-                self._on_input(kind, entry, data, self._now())
-            elif self._active:
+            if self._active:
                 self._queue.put(kind, data)
 
         profile = qos.STREAM if entry.streamed else qos.OUTPUT
@@ -223,44 +223,30 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             return
         try:
             sample = entry.decode(data)
+            self._transforms.pass_frames(self._calls, sample, now)
         except InputError as error:
             self._note_input(entry.name, f"{entry.name} refused: {error}", now)
             return
         self._note_input(entry.name, "", now)
         try:
-            if self._transforms.pass_frames(self._calls, sample, now):
-                self._tf_warning = ""
             self._calls.call(kind, now, sample, data)
-        except TransformRefused as error:
-            self._tf_warning = f"{entry.name} refused: {error}"
-            self.get_logger().warning(self._tf_warning, throttle_duration_sec=1.0)
         except IkNodeError as error:
-            self.get_logger().warning(f"{entry.name} refused: {error}", throttle_duration_sec=1.0)
+            self._log.warning(entry.name, f"{entry.name} refused: {error}")
         self._publish_status()
 
     def _note_input(self, name: str, note: str, now: Instant) -> None:
-        """Report in log and status why an input is not used; an empty note ends the report."""
-        if note:
-            self.get_logger().warning(note, throttle_duration_sec=1.0)
+        """Report in the status why an input is not used; an empty note ends the report."""
         if self._calls is not None and note != self._input_notes.get(name, ""):
             self._input_notes[name] = note
             self._calls.call(CallKind.ON_INPUT_NOTE, now, f"{name} {note}")
             self._publish_status()
 
-    def _on_description(self, message: String) -> None:
-        self._robot_description = message.data
+    def _on_description(self) -> None:
         if self._calls is None:
             self._autostarted()
         else:
-            self._check_description(self._calls.controller.robot, self._configured_with)
+            self._description.check(self._calls.controller.robot, self._configured_with)
             self._publish_status()
-
-    def _check_description(self, robot: Robot, configured_with: str) -> None:
-        """Warn, in log and status, when the topic has a description other than that of the robot in use."""
-        other = self._robot_description not in ("", robot.urdf, configured_with)
-        self._other_description = OTHER_DESCRIPTION if other else ""
-        if other:
-            self.get_logger().warning(OTHER_DESCRIPTION)
 
     def _on_clock(self) -> None:
         if self._calls is not None and self._active:
@@ -278,10 +264,14 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self._check_publishers(self._calls, now)
             skipped = self._queue.take_skipped()
             for kind, entry in INPUTS.items():
-                note = f"{entry.name}: messages are skipped because they arrive too fast" if kind in skipped else ""
+                note = f"{entry.name}: messages arrive faster than they are processed" if kind in skipped else ""
                 self._note_input(f"{entry.name}.rate", note, now)
+            self._joint_states_skipped += skipped[CallKind.ON_JOINT_STATE]
+            counts = {**self._calls.controller.counts}
+            counts["joint_states"] += self._joint_states_skipped
+            rates = self._rates.values(counts, now.monotonic_ns)
             status = self._status(self._calls)
-            values = {**self._recorder.values(), "watchdog": self._watchdog.state}
+            values = {**self._recorder.values(), **rates, "watchdog": self._watchdog.state}
             self._recorder.record(self._publisher.publish_diagnostics(status, now, values), now)
 
     def _check_publishers(self, calls: RecordedController, now: Instant) -> None:
@@ -348,7 +338,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _status(self, calls: RecordedController) -> Status:
         status = self._recorder.with_warning(calls.controller.status)
-        return status.with_warning(self._other_description).with_warning(self._tf_warning)
+        return status.with_warning(self._description.warning).with_warning(self._description.refusal)
 
     def _send(self, step: Step) -> list[Outgoing]:
         """Publish a Step and return the messages; none when the process was held up between the call and this point.
@@ -365,8 +355,13 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             message = self._publisher.publish_status(status)
             if message is not None:
                 self._recorder.record(message, self._now())
-                if status.level is Level.ERROR:
-                    self.get_logger().error(f"{status.mode.value}: {status.reason}", throttle_duration_sec=1.0)
+            self._status_log.add(status)
+
+    def _write_log(self, level: Level, line: str) -> None:
+        if level is Level.ERROR:
+            self.get_logger().error(line)
+        else:
+            self.get_logger().warning(line)
 
     def _start_recording(self) -> str:
         """Start a recording and return its folder; raises RecordingError when that is not possible."""

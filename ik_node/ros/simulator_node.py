@@ -18,6 +18,7 @@ from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.ros import qos
 from ik_node.ros.steady_timer import create_steady_timer
+from ik_node.ros.throttled_log import ThrottledLog
 from ik_node.settings.groups import ArmSettings
 
 
@@ -43,6 +44,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
         self._joints = robot.joints
+        self._log = ThrottledLog(self)
         model = {field.name: self._number(field) for field in dataclasses.fields(ArmModel)}
         self._arm = SimulatedArm(position, robot.limits, time.monotonic_ns(), ArmModel(**model))
         self._states = self.create_publisher(JointState, "joint_states", qos.OUTPUT)
@@ -64,7 +66,7 @@ class SimulatorNode(Node):  # type: ignore[misc]
         try:
             self._arm.command(decode.decode_command(data), time.monotonic_ns())
         except InputError as error:
-            self.get_logger().warning(f"command dropped: {error}", throttle_duration_sec=1.0)
+            self._log.warning("command", f"command dropped: {error}")
 
     def _publish(self) -> None:
         time_ns, stamp_ns = time.monotonic_ns(), self.get_clock().now().nanoseconds

@@ -14,6 +14,7 @@ from ik_node.interfaces.samples import frames_of, stamp_of
 from ik_node.messages.step_codec import CallKind
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.frames import transform_text
+from ik_node.ros.throttled_log import ThrottledLog
 
 MAX_AGE_S = 0.5
 """Largest age of a transform: a broadcaster at 10 Hz may miss four; an arm at 1 m/s is at most 0.5 m off by then."""
@@ -28,7 +29,7 @@ class Transforms:
 
     def __init__(self, node: Any, tf2_ros: Any = None) -> None:
         self._buffer: Any = None
-        self._node = node
+        self._log = ThrottledLog(node)
         self._last: dict[str, str] = {}
         try:
             tf2_ros = tf2_ros or importlib.import_module("tf2_ros")
@@ -55,13 +56,13 @@ class Transforms:
         robot, frames = calls.controller.robot, frames_of(sample)
         if "" in frames:
             text = f"frame_id is empty; the base frame '{robot.base_frame}' is used"
-            self._node.get_logger().warning(text, once=True)
+            self._log.warning_once("frame_id", text)
         unknown = [frame for frame in frames if frame and frame not in robot.frames]
         for transform in self.lookup(robot.base_frame, unknown, stamp_of(sample), now.ros_ns):
             try:
                 calls.call(CallKind.ON_TRANSFORM, now, transform)
             except IkNodeError as error:
-                self._node.get_logger().warning(f"transform refused: {error}", throttle_duration_sec=1.0)
+                self._log.warning("tf", f"transform refused: {error}")
         return bool(unknown)
 
     def lookup(self, base: str, frames: Iterable[str], stamp_ns: int, now_ns: int) -> Iterator[str]:

@@ -8,6 +8,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from ik_node.ros import qos
 
+LEVEL = slice(4, 5)
+"""The level in the bytes of a diagnostic_msgs/DiagnosticStatus: its first field, behind the head of CDR."""
+
 
 class WatchdogStatus:
     """Subscribes to the latched status of ``ik_watchdog`` on ``~/watchdog``."""
@@ -15,7 +18,9 @@ class WatchdogStatus:
     def __init__(self, node: Any) -> None:
         self._node = node
         self._level = DiagnosticStatus.STALE
-        self._subscription = node.create_subscription(DiagnosticStatus, "~/watchdog", self._on_status, qos.LATCHED)
+        self._subscription = node.create_subscription(
+            DiagnosticStatus, "~/watchdog", self._on_status, qos.LATCHED, raw=True
+        )
 
     @property
     def state(self) -> str:
@@ -24,5 +29,5 @@ class WatchdogStatus:
             return "absent"
         return "ready" if self._level in (DiagnosticStatus.OK, DiagnosticStatus.ERROR) else "not ready"
 
-    def _on_status(self, message: DiagnosticStatus) -> None:
-        self._level = message.level
+    def _on_status(self, data: bytes) -> None:
+        self._level = data[LEVEL]  # the rest, of any length, is not needed

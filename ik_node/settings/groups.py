@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 from ik_node.settings.names import check_names
@@ -350,20 +351,30 @@ class Settings:
             SettingsError: A name is unknown (the message has the nearest one) or belongs to an earlier version (the
                 message names its replacement), or a value has the wrong type or is out of range.
         """
-        places = {name: (group, entry) for name, group, entry in _walk(self)}
+        places = _places()
         check_names(values, places)
         changed: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            group, entry = places[name]
-            default: Any = entry.default
-            about = Descriptor(name=name, default=default, **entry.metadata)
-            changed.setdefault(_attribute(group), {})[entry.name] = converted(value, about)
+            attribute, field, about = places[name]
+            changed.setdefault(attribute, {})[field] = converted(value, about)
         groups = {attribute: dataclasses.replace(getattr(self, attribute), **new) for attribute, new in changed.items()}
         return dataclasses.replace(self, **groups)
 
 
-def _attribute(group: Group) -> str:
-    return next(entry.name for entry in dataclasses.fields(Settings) if type(group) is type(entry.default))
+@cache
+def _places() -> Mapping[str, tuple[str, str, Descriptor]]:
+    """Full parameter name -> attribute of :class:`Settings`, attribute of its group, description."""
+    attributes = {type(entry.default): entry.name for entry in dataclasses.fields(Settings)}
+    default: Any
+    places = {}
+    for name, group, entry in _walk(Settings()):
+        default = entry.default
+        places[name] = (
+            attributes[type(group)],
+            entry.name,
+            Descriptor(name=name, default=default, **entry.metadata),
+        )
+    return places
 
 
 def _walk(settings: Settings) -> Iterator[tuple[str, Group, dataclasses.Field[Any]]]:
@@ -374,6 +385,7 @@ def _walk(settings: Settings) -> Iterator[tuple[str, Group, dataclasses.Field[An
             yield (f"{prefix}.{entry.name}" if prefix else entry.name), group, entry
 
 
+@cache
 def describe() -> tuple[Descriptor, ...]:
     """The description of every parameter in the order of declaration.
 

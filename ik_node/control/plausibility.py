@@ -104,12 +104,19 @@ def judge(
     for k in range(len(own)):
         i = own[k]
         value, found = position[k], 0
+        continues = not np.isnan(jumped[i]) and _reachable(limits, i, jumped[i], value, jumped_ns[i], time_ns, now_ns)
+        # What continues a jump stays one, although a longer time since the last accepted position admits more.
+        if continues and not np.isnan(last[i]):
+            apart = abs(joint_difference(last[i], value, limits.continuous[i]))
+            continues = abs(joint_difference(jumped[i], value, limits.continuous[i])) < apart
         if value < limits.lower[i] or value > limits.upper[i]:
             found = 2
-        elif np.isnan(last[i]) or _reachable(limits, i, last[i], value, last_ns[i], time_ns, now_ns):
+        elif np.isnan(last[i]) or (
+            not continues and _reachable(limits, i, last[i], value, last_ns[i], time_ns, now_ns)
+        ):
             jumped[i] = np.nan
         else:
-            if np.isnan(jumped[i]) or not _reachable(limits, i, jumped[i], value, jumped_ns[i], time_ns, now_ns):
+            if not continues:
                 since_ns[i] = now_ns
             jumped[i], jumped_ns[i] = value, time_ns
             found = 3 if now_ns - since_ns[i] >= timeout_ns else 1

@@ -85,6 +85,18 @@ def test_outliers_that_last_end_in_zeros_with_their_reason(panda: Robot, by: flo
     assert "panda_joint2" in status.reason
 
 
+@pytest.mark.parametrize(("by", "timeout_s"), [(0.25, 0.1), (0.8, 0.4), (1.2, 0.5)])
+def test_a_jump_does_not_become_possible_with_the_time_since_it(panda: Robot, by: float, timeout_s: float) -> None:
+    """Within the time-out a joint could have moved that far, but the positions in between contradict that."""
+    loop = moving_loop(panda, state__timeout_s=timeout_s)
+    steps = len(loop.steps)
+    assert send_until_stopped(loop, shifted(loop, 1, by)) <= timeout_s + 0.01
+    assert len(loop.steps) == steps + 1, "no position after the jump was used"
+    assert loop.mode() is Mode.STOPPED
+    assert "panda_joint2" in loop.controller.status.reason
+    assert "jumped" in loop.controller.status.reason
+
+
 def test_positions_that_no_arm_has_are_never_accepted(panda: Robot) -> None:
     loop = moving_loop(panda)
     far = shifted(loop, 1, 1e6)

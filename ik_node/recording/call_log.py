@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -73,6 +74,25 @@ class RunHead(NamedTuple):
     """State of the controller at the start as JSON; None when it had not been called."""
 
 
+class _Arguments:
+    """Messages of one source that no call has taken yet, by number or by time of recording."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[int, list[bytes]] = {}
+
+    def add(self, key: int, data: bytes) -> None:
+        self._waiting.setdefault(key, []).append(data)
+
+    def take(self, key: int) -> bytes | None:
+        """The first message of a number or time, which is not kept; None when there is none."""
+        found = self._waiting.get(key)
+        if found is None:
+            return None
+        if len(found) == 1:
+            del self._waiting[key]
+        return found.pop(0)
+
+
 class RecordedCalls:
     """The controller calls of one node in a recording, complete or cut off."""
 
@@ -104,34 +124,31 @@ class RecordedCalls:
 
     def entries(self) -> Iterator[RecordedCall | RecordedSnapshot]:
         """All calls and snapshots in recorded order; raises RecordingError where the recording is damaged."""
-        waiting: dict[str, dict[int, bytes]] = {
-            source: {} for source in {*self._inputs.values(), *_ARGUMENT_SOURCES.values()}
+        waiting: dict[str, _Arguments] = {
+            source: _Arguments() for source in {*self._inputs.values(), *_ARGUMENT_SOURCES.values()}
         }
         inputs = {topic: waiting[source] for topic, source in self._inputs.items()}
         pending: _PendingCall | None = None
         step: bytes | None = None
-        has_calls = False
+        is_numbered = self._is_numbered()
+        calls = 0
         for message in self.recording.messages({*self._roles, *self._inputs}):
-            topic, _, data, _, _, number = message
+            topic, _, data, log_time_ns, _, number = message
             role = self._roles.get(topic)
             if role is None:
-                inputs[topic][number] = data
+                inputs[topic].add(number if is_numbered else log_time_ns, data)
             elif role == STEP:
                 step = data
             elif role == CALLS:
-                if number == 0 and has_calls:
-                    raise RecordingError(
-                        f"'{self.path}' has lost its sequence numbers (ros2 bag convert writes 0), which name the"
-                        " arguments of calls; replay the original recording"
-                    )
-                has_calls = True
                 if pending is not None:
                     yield RecordedCall(*pending, step)
-                pending, step = self._pending_call(message, waiting), None
+                pending = self._pending_call(message, waiting, message.sequence if is_numbered else calls, is_numbered)
+                step = None
+                calls += 1
             elif role == STEP_TEXTS:
                 self._decoded(message, self.steps.texts)
             elif role in (CALL_TEXTS, PARAMETERS):
-                waiting[role][number] = data
+                waiting[role].add(number if is_numbered else log_time_ns, data)
             elif role == SNAPSHOT:
                 if pending is not None:
                     yield RecordedCall(*pending, step)
@@ -150,14 +167,25 @@ class RecordedCalls:
         """All settings after a call of kind ``APPLY``."""
         return self.head.settings.with_values(decode_parameters(recorded.data).values)
 
-    def _pending_call(self, message: RecordedMessage, waiting: dict[str, dict[int, bytes]]) -> _PendingCall | None:
-        """The call with its argument; None when the argument is missing."""
+    def _is_numbered(self) -> bool:
+        """False when the messages have lost their sequence numbers: rosbag2 writes 0 for each (ros2 bag convert)."""
+        topics = {topic for topic, role in self._roles.items() if role == CALLS}
+        numbers = [message.sequence for message in islice(self.recording.messages(topics), 2)]
+        return numbers != [0, 0]
+
+    def _pending_call(
+        self, message: RecordedMessage, waiting: dict[str, _Arguments], number: int, is_numbered: bool
+    ) -> _PendingCall | None:
+        """The call with its argument; None when the argument is missing.
+
+        Without sequence numbers the argument is the first message with the time of recording of the call.
+        """
         call: Call = self._decoded(message, decode_call)
         source = _ARGUMENT_SOURCES.get(call.kind)
         if source is None:
-            return message.sequence, call, b""
-        data = waiting[source].pop(call.sequence, None)
-        return None if data is None else (message.sequence, call, data)
+            return number, call, b""
+        data = waiting[source].take(call.sequence if is_numbered else message.log_time_ns)
+        return None if data is None else (number, call, data)
 
     def _read_head(self, node: str) -> RunHead:
         found: dict[str, RecordedMessage] = {}

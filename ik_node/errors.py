@@ -21,8 +21,34 @@ EXTRAS = {
 """Package that is imported where it is needed -> extra of ik_node that installs it."""
 
 
+LONGEST_MESSAGE = 4_000
+"""Characters of a message; the frames of a humanoid fit in a list. Messages name what a file contains, which may be
+anything."""
+
+
 class IkNodeError(Exception):
-    """Base class of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose. The message is one line of printable text."""
+
+    def __str__(self) -> str:
+        """The message, as :func:`one_line`."""
+        return one_line(super().__str__())
+
+
+def one_line(text: str) -> str:
+    """A text without control characters, cut after :data:`LONGEST_MESSAGE` characters.
+
+    Messages are printed on terminals and published as status: line breaks become blanks, other control characters and
+    lone surrogates, which cannot be encoded, their escape sequences.
+    """
+    if not text.isprintable():
+        text = "".join(map(_printable, text))
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[: LONGEST_MESSAGE - 3]}..."
+
+
+def _printable(character: str) -> str:
+    if character.isprintable():
+        return character
+    return " " if character.isspace() else character.encode("unicode_escape").decode()
 
 
 class MissingPackageError(IkNodeError, ImportError):

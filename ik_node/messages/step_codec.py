@@ -28,7 +28,7 @@ from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Kind, Level, Mode, Status, Step
 from ik_node.math.types import Array
-from ik_node.messages.cdr import Template, blank, deserialize, make, serialize
+from ik_node.messages.cdr import LITTLE_ENDIAN, Template, blank, deserialize, make, serialize
 
 STEP_TYPE = "std_msgs/msg/Float64MultiArray"
 TEXTS_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
@@ -39,6 +39,8 @@ HEAD_SIZES = {"tick": 1, "now_monotonic": 2, "now_ros": 2, "state_time": 2, "tex
 FIELDS = (*ARRAY_FIELDS, *NUMBER_FIELDS)
 """Fields of a Step that are slices, in the order of the message."""
 _NAMES = tuple(field.name for field in TEXT_FIELDS if field.kind is Kind.NAMES)
+MAX_COUNT = 2.0**53
+"""Largest whole number in a float64 of which the next smaller one differs."""
 _arrays = itemgetter(*(Step._fields.index(field.name) for field in ARRAY_FIELDS))
 _numbers = itemgetter(*(Step._fields.index(field.name) for field in NUMBER_FIELDS))
 _texts = itemgetter(*(Step._fields.index(field.name) for field in TEXT_FIELDS))
@@ -164,6 +166,7 @@ class StepDecoder:
     def __init__(self) -> None:
         self._texts: dict[int, TextRecord] = {}
         self._prefix = b""
+        self._length = 0
         self._slices: dict[str, slice] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._texts_offset = 0
@@ -175,11 +178,12 @@ class StepDecoder:
 
     def texts_of(self, data: bytes) -> TextRecord:
         """The text record of a ``step`` message; raises RecordingError when either is invalid or missing."""
-        if not self._prefix or not data.startswith(self._prefix):
+        if not self._prefix or len(data) != self._length or not data.startswith(self._prefix):
             self._prefix, self._slices = read_layout(data)
+            self._length = len(data)
             self._shapes = shapes(self._slices)
             self._texts_offset = len(self._prefix) + 8 * self._slices["texts"].start
-        number = int(_number.unpack_from(data, self._texts_offset)[0])
+        number = _whole(_number.unpack_from(data, self._texts_offset)[0])
         texts = self._texts.get(number)
         if texts is None:
             raise RecordingError(f"text record {number} of a Step is missing")
@@ -206,7 +210,7 @@ class StepDecoder:
         values.update({field.name: float(slices[field.name][0]) for field in NUMBER_FIELDS})
         values.update({field.name: value for field, value in zip(TEXT_FIELDS, record.fields, strict=True)})
         return Step(
-            tick=int(slices["tick"][0]),
+            tick=_whole(slices["tick"][0]),
             now=Instant(_time(slices["now_monotonic"]), _time(slices["now_ros"])),
             state_time_ns=_time(slices["state_time"]),
             **values,
@@ -216,13 +220,19 @@ class StepDecoder:
 def read_layout(data: bytes) -> tuple[bytes, dict[str, slice]]:
     """The bytes before the numbers of a ``step`` message, and label -> slice of the numbers.
 
-    Raises RecordingError naming the slices when one is missing or the sizes do not match the data.
+    Raises RecordingError naming the slices when one is missing or the sizes do not match the data, which must be as
+    :class:`StepEncoder` writes them: little-endian, and without bytes behind the message.
     """
     message = deserialize(data, STEP_TYPE)
     sizes = {str(dim.label): int(dim.size) for dim in message.layout.dim}
     missing = [label for label in (*HEAD_SIZES, *(field.name for field in FIELDS)) if label not in sizes]
     if missing:
         raise RecordingError(f"Step message without the slices {', '.join(missing)}; it has: {', '.join(sizes)}")
+    if data[:2] != LITTLE_ENDIAN or len(data) != len(serialize(message)):
+        raise RecordingError(f"Step message of {len(data)} bytes is big-endian or has more bytes than its layout")
+    for label, size in HEAD_SIZES.items():
+        if sizes[label] != size:
+            raise RecordingError(f"slice {label} of a Step message has {sizes[label]} numbers, expected {size}")
     slices, begin = {}, 0
     for label, size in sizes.items():
         slices[label] = slice(begin, begin + size)
@@ -291,7 +301,14 @@ def decode_call(data: bytes) -> Call:
 
 
 def _time(parts: Array) -> int:
-    return int(parts[0]) * NS + int(parts[1])
+    return _whole(parts[0]) * NS + _whole(parts[1])
+
+
+def _whole(number: float) -> int:
+    """A counter or a part of a time; raises RecordingError when it is none."""
+    if not abs(number) <= MAX_COUNT:
+        raise RecordingError(f"Step message with the number {number:g}, which is no counter or time")
+    return int(number)
 
 
 def _dimension(label: str, size: int) -> object:

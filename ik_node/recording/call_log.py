@@ -250,12 +250,30 @@ def content_text(recording: Recording) -> str:
     return ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts) or "nothing"
 
 
+class _SetupTypes(NamedTuple):
+    """The entries of a setup that are read, with their types."""
+
+    robot: str
+    base_frame: str
+    tip_frame: str
+    joints: tuple[str, ...]
+    limits: Mapping[str, tuple[float | None, ...]]
+    inputs: Mapping[str, str]
+    geometry: str
+    versions: Mapping[str, str]
+
+
 def read_setup(text: str) -> dict[str, Any]:
     """The content of the topic ``setup``; raises RecordingError for other content or another format."""
     try:
         setup: dict[str, Any] = json.loads(text)
         version = setup["format"]
-    except (ValueError, KeyError, TypeError) as error:
+        if version == FORMAT:
+            limits = from_json(text, _SetupTypes).limits
+            wrong = [name for name in ("lower", "upper", "velocity") if len(limits[name]) != len(setup["joints"])]
+            if wrong:
+                raise InputError(f"limits {', '.join(wrong)} for another number of joints than {len(setup['joints'])}")
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise RecordingError(f"the setup of a run cannot be read: {error}") from error
     if version != FORMAT:
         raise RecordingError(f"recorded in format {version}; this version of ik_node reads {FORMAT}")

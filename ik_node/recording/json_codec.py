@@ -46,7 +46,8 @@ def from_json(text: str, kind: Any) -> Any:
     """
     try:
         return _typed(json.loads(text), kind)
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    # AttributeError: a value without entries; OverflowError: a whole number beyond the floats.
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"text is no {getattr(kind, '__name__', kind)}: {error}") from error
 
 
@@ -83,6 +84,8 @@ def _typed(value: Any, kind: Any) -> Any:
     if origin in (np.ndarray, _ARRAY_ALIAS):
         return _array(value, np.dtype(get_args(arguments[1])[0] if origin is np.ndarray else arguments[0]))
     if origin is tuple:
+        if not isinstance(value, list):
+            raise ValueError(f"{value!r} is no list")
         kinds = [arguments[0]] * len(value) if arguments[1:] == (...,) else arguments
         return tuple(_typed(entry, entry_kind) for entry, entry_kind in zip(value, kinds, strict=True))
     if origin is not None and issubclass(origin, Mapping):
@@ -101,7 +104,7 @@ def _one_of(value: Any, kinds: tuple[Any, ...]) -> Any:
     for kind in kinds:
         try:
             return _typed(value, kind)
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, LookupError, TypeError, AttributeError, OverflowError):
             continue
     raise ValueError(f"{value!r} fits none of {kinds}")
 

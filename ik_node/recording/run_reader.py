@@ -17,6 +17,7 @@ from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import (
     FIELDS,
+    MAX_COUNT,
     Call,
     CallKind,
     TextRecord,
@@ -27,7 +28,7 @@ from ik_node.messages.step_codec import (
 )
 from ik_node.recording.call_log import find_node, read_setup
 from ik_node.recording.input_table import TARGET_POSE
-from ik_node.recording.mcap.metadata import DROPPED
+from ik_node.recording.mcap.file import MAX_TIME_NS
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
 from ik_node.recording.run import RecordedTargets, Run, StatusChange
 from ik_node.recording.run_recorder import (
@@ -72,6 +73,8 @@ def load_run(path: str | Path, node: str = "") -> Run:
     if not messages.steps:
         raise RecordingError(f"'{path}' contains no control step of node '{name}'")
     columns = _columns(messages.steps)
+    if (n := columns["joint_position"].shape[1]) != len(messages.setup["joints"]):
+        raise RecordingError(f"'{path}' has Steps of {n} joints, but the run has {len(messages.setup['joints'])}")
     clock = _Clock(columns)
     texts = _texts(columns["texts"][:, 0], messages.texts)
     limits = messages.setup["limits"]
@@ -92,7 +95,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
             (clock.of_ros(message.log_time_ns), parameters.changed) for message, parameters in changes
         ),
         versions=dict(messages.setup["versions"]),
-        tick=columns["tick"][:, 0].astype(np.int64),
+        tick=_whole(columns["tick"][:, 0]),
         times_s=(clock.now_ns - clock.start.monotonic_ns) / NS,
         ros_ns=clock.ros_ns,
         state_times_s=(clock.state_ns - clock.start.monotonic_ns) / NS,
@@ -101,7 +104,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
         texts=texts,
         status_changes=_changes(clock.now_ns, texts["status"], clock.start.monotonic_ns),
         targets=_targets(messages, clock),
-        dropped=int(recording.custom.get(DROPPED, "0")),
+        dropped=recording.dropped,
         complete=recording.complete,
     )
 
@@ -127,7 +130,7 @@ def _collect(recording: Recording, node: str) -> _Messages:
                 urdf = decode_string(message.data)
             elif name == SETUP:
                 setups.append(read_setup(decode_string(message.data)))
-            elif setups and message.topic == setups[0]["inputs"][TARGET_POSE]:
+            elif setups and message.topic == setups[0]["inputs"].get(TARGET_POSE):
                 messages.targets.append(message)
         except InputError as error:
             raise RecordingError(f"'{recording.path}', topic {message.topic}: {error}") from error
@@ -167,13 +170,23 @@ class _Clock:
 
 
 def _nanoseconds(parts: Array) -> NDArray[np.int64]:
-    return parts[:, 0].astype(np.int64) * NS + parts[:, 1].astype(np.int64)
+    seconds, nanoseconds = _whole(parts).T
+    if not (np.abs(seconds) < MAX_TIME_NS // NS).all():
+        raise RecordingError("the time of a Step is not within 292 years of 0")
+    return np.asarray(seconds * NS + nanoseconds)
+
+
+def _whole(numbers: Array) -> NDArray[np.int64]:
+    """Counters and parts of times, of any shape; raises RecordingError when one is none."""
+    if not (np.abs(numbers) <= MAX_COUNT).all():
+        raise RecordingError("a Step has a counter or a time that is not finite or too large")
+    return numbers.astype(np.int64)
 
 
 def _texts(numbers: Array, records: list[TextRecord]) -> dict[str, tuple[Any, ...]]:
     """Text field -> value per control step."""
     fields = {record.number: record.fields for record in records}
-    used = numbers.astype(np.int64).tolist()
+    used = _whole(numbers).tolist()
     missing = sorted(set(used) - set(fields))
     if missing:
         raise RecordingError(f"the recording lacks the text records {missing[:5]} of its control steps")

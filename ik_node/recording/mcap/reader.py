@@ -20,7 +20,7 @@ from mcap.summary import Summary
 
 from ik_node.errors import InputError, RecordingError
 from ik_node.recording.mcap.file import MAGIC
-from ik_node.recording.mcap.metadata import METADATA_FILE, ROOT, STORAGE
+from ik_node.recording.mcap.metadata import DROPPED, METADATA_FILE, ROOT, STORAGE
 from ik_node.recording.mcap.scan import DAMAGE_ERRORS, ChunkUnpacker, scan_messages, whole_records
 from ik_node.settings.yaml_text import bounded_text, load_yaml
 
@@ -159,10 +159,21 @@ class Recording:
         self.path = path
         metadata = _read_metadata(path) if path.is_dir() else {}
         self.parts = [McapPart(file) for file in part_files(path, metadata)]
-        self.custom: dict[str, str] = {key: str(value) for key, value in (metadata.get("custom_data") or {}).items()}
+        self.custom: dict[str, str] = {
+            str(key): str(value) for key, value in (metadata.get("custom_data") or {}).items()
+        }
         """``custom_data`` of ``metadata.yaml``."""
         self.complete = bool(metadata or path.is_file()) and all(part.complete for part in self.parts)
         """True when the writer closed it: every file has its footer and ``metadata.yaml`` exists."""
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that the writer left out; raises RecordingError when ``metadata.yaml`` has no number."""
+        text = self.custom.get(DROPPED, "0")
+        try:
+            return int(text)
+        except ValueError as error:
+            raise RecordingError(f"'{self.path}': custom_data.{DROPPED} is '{text}'; expected a number") from error
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
         """The messages of all files, as :meth:`McapPart.messages`."""

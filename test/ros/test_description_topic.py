@@ -30,6 +30,9 @@ def test_broken_descriptions_leave_the_node_alive_and_a_good_one_is_taken(tmp_pa
         for urdf, reason in BROKEN:
             publisher.publish(String(data=urdf))
             peer.until(reason, lambda words=reason: words in process.log.read_text())  # type: ignore[misc]
+            peer.until(reason, lambda words=reason: words in peer.reason)  # type: ignore[misc]
+            assert peer.mode == "waiting"
+            assert peer.reason.startswith("not configured: ")
         publisher.publish(String(data=URDF))
         arm = FakeArm(peer, PANDA, READY["panda"])
         peer.until("holding", lambda: peer.mode == "holding", each=arm)

@@ -24,8 +24,10 @@ _while_this_runs = ExitStack()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--exhaustive``: also run the tests that are required before a release only."""
+    """Add ``--exhaustive`` (also the tests that are required before a release only) and those of test/faults."""
     parser.addoption("--exhaustive", action="store_true", help="also run the tests that repeat others with more cases")
+    parser.addoption("--fault-seed", type=int, default=18, help="chooses the faults of test/faults [18]")
+    parser.addoption("--fault-table", type=Path, help="file for the table of test/faults")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -57,3 +59,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if item.get_closest_marker("exhaustive") is not None:
             item.add_marker(pytest.mark.skip(reason="more cases of quicker tests: run with --exhaustive"))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the table of test/faults, also of tests that ran in other processes; ``--fault-table`` writes it."""
+    reports = [report for found in terminalreporter.stats.values() for report in found]
+    calls = [report for report in reports if getattr(report, "when", "") == "call"]
+    rows = [row for call in calls for name, found in call.user_properties if name == "fault_rows" for row in found]
+    if rows:
+        from fault_table import table
+
+        text = f"seed {config.getoption('--fault-seed')}, {len(rows)} rows\n{table(rows)}\n"
+        terminalreporter.section("fault x method")
+        terminalreporter.write(text)
+        if (file := config.getoption("--fault-table")) is not None:
+            file.write_text(text)

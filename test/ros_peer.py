@@ -47,11 +47,14 @@ class Peer:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.commands: list[Array] = []
+        self.command_times_ns: list[int] = []
+        """Monotonic times of arrival of :attr:`commands`."""
         self.statuses: list[tuple[str, str]] = []
         self.processes: list[NodeProcess] = []
-        self._states = self.node.create_publisher(JointState, "/joint_states", qos.OUTPUT)
-        self._targets = self.node.create_publisher(PoseStamped, f"{node_name}/target_pose", qos.OUTPUT)
-        self.node.create_subscription(Float64MultiArray, f"{node_name}/commands", self._on_command, qos.OUTPUT)
+        self.states_publisher = self.node.create_publisher(JointState, "/joint_states", qos.OUTPUT)
+        self.targets_publisher = self.node.create_publisher(PoseStamped, f"{node_name}/target_pose", qos.OUTPUT)
+        self._command_topic = f"{node_name}/commands"
+        self.subscribe_commands()
         self.node.create_subscription(DiagnosticStatus, f"{node_name}/status", self._on_status, qos.LATCHED)
 
     # --- the process under test --------------------------------------------------------------------------------------
@@ -78,7 +81,7 @@ class Peer:
         """Publish a joint state with the present time as stamp."""
         message = JointState(name=list(names), position=[float(value) for value in position])
         message.header.stamp = self.node.get_clock().now().to_msg()
-        self._states.publish(message)
+        self.states_publisher.publish(message)
 
     def send_target(self, pose: Array, frame: str, scale_quaternion: float = 1.0) -> None:
         """Publish a target with the present time as stamp."""
@@ -89,7 +92,7 @@ class Peer:
         p.x, p.y, p.z = pose[:3, 3].tolist()
         quaternion = scale_quaternion * se3.quaternion_from_rotation(pose[:3, :3])
         q.x, q.y, q.z, q.w = quaternion.tolist()
-        self._targets.publish(message)
+        self.targets_publisher.publish(message)
 
     def spin(self, duration_s: float, each: Callable[[], None] | None = None, period_s: float = 0.004) -> None:
         """Process callbacks for a duration; ``each`` is called about every ``period_s``."""
@@ -157,8 +160,13 @@ class Peer:
         """Reason of that mode."""
         return self.statuses[-1][1] if self.statuses else ""
 
+    def subscribe_commands(self) -> None:
+        """Receive commands; done at first, and again after a test has ended the subscription."""
+        self.node.create_subscription(Float64MultiArray, self._command_topic, self._on_command, qos.OUTPUT)
+
     def _on_command(self, message: Float64MultiArray) -> None:
         self.commands.append(np.array(message.data))
+        self.command_times_ns.append(time.monotonic_ns())
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         mode = next(entry.value for entry in message.values if entry.key == "mode")

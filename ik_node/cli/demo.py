@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 
 from ik_node import resources
-from ik_node.cli.entry import command_line
+from ik_node.cli.entry import UNUSABLE, command_line
 from ik_node.cli.pose_file_options import add_options, format_from
 from ik_node.errors import IkNodeError
 from ik_node.settings.groups import METHOD_NAMES
@@ -44,8 +44,16 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run."""
+    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run, 2 for an invalid option."""
     options = parser().parse_args(arguments)
+    from ik_node.settings.parameter_file import parse_assignment
+
+    for assignment in options.set:
+        try:
+            parse_assignment(assignment)
+        except IkNodeError as error:
+            print(f"error: --set {assignment}: {error}", file=sys.stderr)
+            return UNUSABLE
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))

@@ -34,7 +34,8 @@ parameters (read at the start):
 example:
   ik_simulator --ros-args --params-file config/panda.yaml -r commands:=/ik_node/commands
 
-exit code: 0 after SIGINT or SIGTERM, 1 when the robot cannot be loaded, 2 for an unknown option
+exit code: 0 after SIGINT or SIGTERM, 1 for an invalid parameter or a robot that cannot be loaded, 2 for an unknown
+option
 """
 
 
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ik_node.ros.simulator_node import SimulatorNode
     from ik_node.ros.spin import run
 
-    return run(SimulatorNode, SimulatorNode.finish, arguments)
+    return run(lambda: SimulatorNode(arguments), SimulatorNode.finish, arguments)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ parameters:
 example:
   ik_watchdog --ros-args -p timeout_s:=0.05 -r __ns:=/left -r ik_node/commands:=/left_arm_controller/commands
 
-exit code: 0 after SIGINT or SIGTERM, 2 for an unknown option
+exit code: 0 after SIGINT or SIGTERM, 1 for an invalid parameter, 2 for an unknown option
 """
 
 
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ik_node.ros.spin import run
     from ik_node.ros.watchdog_node import WatchdogNode
 
-    return run(WatchdogNode, WatchdogNode.finish, arguments)
+    return run(lambda: WatchdogNode(arguments), WatchdogNode.finish, arguments)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from ik_node.recording.input_table import INPUTS, Input
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
-from ik_node.ros import parameters, qos, start_arguments
+from ik_node.ros import parameters, qos
 from ik_node.ros.description_topic import DescriptionTopic
 from ik_node.ros.input_queue import CLOCK_PERIOD_S, InputQueue
 from ik_node.ros.message_types import message_class
@@ -57,9 +57,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
-        for line in start_arguments.unused_files(arguments, self.get_fully_qualified_name()):
-            self.get_logger().warning(line)
-        self._autostart = parameters.declare(self)
+        self._autostart = parameters.declare(self, arguments)
         self._log = ThrottledLog(self)
         self._status_log = StatusLog(self._write_log)
         self._rates = StepRates()

@@ -9,6 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParam
 from rclpy.parameter import Parameter
 
 from ik_node.errors import IkNodeError
+from ik_node.ros import start_arguments
 from ik_node.settings.groups import Settings, describe
 from ik_node.settings.names import NODE_NAMES, check_names, is_ros_name
 from ik_node.settings.schema import Descriptor, check, converted, limits_per_element
@@ -47,12 +48,13 @@ def start_values(node: Any, valid: Collection[str]) -> dict[str, Any]:
     return values
 
 
-def declare_all(node: Any, parameters: Sequence[Descriptor]) -> dict[str, Any]:
-    """Declare parameters with description, unit, range and type.
+def declare_all(node: Any, parameters: Sequence[Descriptor], arguments: Sequence[str] | None = None) -> dict[str, Any]:
+    """Declare parameters with description, unit, range and type; warn of parameter files for other nodes only.
 
     Args:
         node: The node.
         parameters: All parameters that the node has, besides those of rclpy.
+        arguments: Arguments without the program's name; None takes those of the process.
 
     Returns:
         Name -> value.
@@ -60,6 +62,8 @@ def declare_all(node: Any, parameters: Sequence[Descriptor]) -> dict[str, Any]:
     Raises:
         SettingsError: The node was started with an unknown parameter or an invalid value.
     """
+    for line in start_arguments.unused_files(arguments, node.get_fully_qualified_name()):
+        node.get_logger().warning(line)
     given = start_values(node, [about.name for about in parameters])
     values = {about.name: converted(given.get(about.name, about.default), about) for about in parameters}
     for about in parameters:
@@ -69,8 +73,8 @@ def declare_all(node: Any, parameters: Sequence[Descriptor]) -> dict[str, Any]:
     return values
 
 
-def declare(node: Any) -> bool:
-    """Declare the settings and ``autostart`` on ``node``.
+def declare(node: Any, arguments: Sequence[str] | None = None) -> bool:
+    """Declare the settings and ``autostart`` on ``node``, as :func:`declare_all` does.
 
     Returns:
         Whether the node configures and activates itself.
@@ -78,7 +82,7 @@ def declare(node: Any) -> bool:
     Raises:
         SettingsError: The node was started with an unknown parameter or an invalid value.
     """
-    return bool(declare_all(node, (*describe(), AUTOSTART))["autostart"])
+    return bool(declare_all(node, (*describe(), AUTOSTART), arguments)["autostart"])
 
 
 def read(node: Any) -> Settings:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -16,51 +16,66 @@ from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
-from ik_node.ros import qos
+from ik_node.ros import parameters, qos
 from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.ros.throttled_log import ThrottledLog
-from ik_node.settings.groups import ArmSettings
+from ik_node.settings.groups import ArmSettings, describe
+from ik_node.settings.schema import Descriptor
+
+ARM_NAMES = ("robot", "robot_description", "base_frame", "tip_frame", "joint_prefix")
+"""Parameters that are those of ``ik_node``."""
+ROBOT = "panda"
+"""Default of ``robot``, unless ``robot_description`` is given."""
+
+
+def _parameters() -> Iterator[Descriptor]:
+    for about in describe():
+        if about.name in ARM_NAMES:
+            yield about._replace(read_only=True, default=ROBOT if about.name == "robot" else about.default)
+    number = Descriptor("rate_hz", 500.0, "Rate of the joint states.", "Hz", 1.0, 10_000.0, (), True, float, 0)
+    yield number
+    start = "Joint positions at the start; zeros without values."
+    yield number._replace(
+        name="initial_position", default=(), description=start, unit="rad or m", minimum=None, maximum=None
+    )
+    for field in dataclasses.fields(ArmModel):
+        default: Any = field.default
+        yield Descriptor(**{"name": field.name, "default": default, **field.metadata, "read_only": True})
+
+
+PARAMETERS = tuple(_parameters())
+"""Parameters of the simulated arm, read at the start."""
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
     """Simulated arm with the topics of a forward_command_controller and a joint_state_broadcaster."""
 
-    def __init__(self) -> None:
-        """Read the parameters; raises RobotError or SettingsError when they do not describe an arm."""
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        """Read the parameters.
+
+        Args:
+            arguments: Those of the process, for warnings about parameter files of other nodes.
+
+        Raises:
+            RobotError: The parameters do not describe an arm.
+            SettingsError: A parameter is unknown or invalid.
+        """
         super().__init__("ik_simulator")
-        arm = ArmSettings(
-            robot=self._text("robot", "panda", "Name of a robot in example-robot-data."),
-            robot_description=self._text("robot_description", "", "URDF as text, instead of robot."),
-            base_frame=self._text("base_frame", "", "As for ik_node."),
-            tip_frame=self._text("tip_frame", "", "As for ik_node."),
-            joint_prefix=self._text("joint_prefix", "", "As for ik_node."),
-        )
-        about = ParameterDescriptor(description="Rate of the joint states [Hz].", read_only=True)
-        rate_hz = self.declare_parameter("rate_hz", 500.0, about).value
-        about = ParameterDescriptor(description="Joint positions at the start [rad, m].", read_only=True)
-        start = self.declare_parameter("initial_position", [0.0], about).value
-        robot = robot_from_settings(arm)
-        position = np.zeros(robot.n) if list(start) == [0.0] else np.array(start, dtype=np.float64)
+        values = parameters.declare_all(self, PARAMETERS, arguments)
+        robot = robot_from_settings(ArmSettings(**{name: values[name] for name in ARM_NAMES}))
+        start = values["initial_position"]
+        position = np.array(start, dtype=np.float64) if start else np.zeros(robot.n)
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
         self._joints = robot.joints
         self._log = ThrottledLog(self)
-        model = {field.name: self._number(field) for field in dataclasses.fields(ArmModel)}
+        model = {field.name: values[field.name] for field in dataclasses.fields(ArmModel)}
         self._arm = SimulatedArm(position, robot.limits, time.monotonic_ns(), ArmModel(**model))
         self._states = self.create_publisher(JointState, "joint_states", qos.OUTPUT)
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=robot.urdf))
         self.create_subscription(Float64MultiArray, "commands", self._on_command, qos.COMMAND, raw=True)
-        create_steady_timer(self, 1.0 / rate_hz, self._publish)
-
-    def _text(self, name: str, default: str, description: str) -> str:
-        about = ParameterDescriptor(description=description, read_only=True)
-        return str(self.declare_parameter(name, default, about).value)
-
-    def _number(self, field: dataclasses.Field[Any]) -> Any:
-        unit = f" [{field.metadata['unit']}]" if field.metadata["unit"] else ""
-        about = ParameterDescriptor(description=field.metadata["description"] + unit, read_only=True)
-        return self.declare_parameter(field.name, field.default, about).value
+        create_steady_timer(self, 1.0 / values["rate_hz"], self._publish)
 
     def _on_command(self, data: bytes) -> None:
         try:

@@ -8,19 +8,20 @@ such message follows a non-zero one in time. Commands of others, on the same com
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.messages import encode
-from ik_node.ros import qos
+from ik_node.ros import parameters, qos
 from ik_node.ros.steady_timer import create_steady_timer
+from ik_node.settings.schema import Descriptor
 
 CHECKS_PER_TIMEOUT = 20
 """The timeout is checked this often."""
@@ -31,6 +32,19 @@ READY_PERIOD_S = 0.1
 """Period of the check whether ``ik_node`` is there."""
 REPETITIONS = 5
 """Number of zero commands that are published."""
+TIMEOUT = Descriptor(
+    "timeout_s",
+    0.1,
+    "Longest time without a command after a non-zero one; then the arm is stopped.",
+    "s",
+    0.01,
+    10.0,
+    (),
+    True,
+    float,
+    0,
+)
+"""The only parameter, read at the start."""
 READY = "monitoring ik_node"
 """Reason of the status from the time when ``ik_node`` and a subscriber of the commands are connected."""
 
@@ -41,14 +55,17 @@ class WatchdogNode(Node):  # type: ignore[misc]
     Its latched status is on ``ik_node/watchdog``, where ``ik_node`` reads it, and on ``~/status``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        """Read the parameters.
+
+        Args:
+            arguments: Those of the process, for warnings about parameter files of other nodes.
+
+        Raises:
+            SettingsError: A parameter is unknown or invalid.
+        """
         super().__init__("ik_watchdog")
-        valid = FloatingPointRange(from_value=0.01, to_value=10.0)
-        about = ParameterDescriptor(
-            description="Longest time without a command after a non-zero one; then the arm is stopped [s].",
-            floating_point_range=[valid],
-        )
-        self._timeout_s = float(self.declare_parameter("timeout_s", 0.1, about).value)
+        self._timeout_s: float = parameters.declare_all(self, [TIMEOUT], arguments)[TIMEOUT.name]
         self._last = np.zeros(0)
         self._received_s = time.monotonic()
         self._late_checks = 0

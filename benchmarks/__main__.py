@@ -16,6 +16,7 @@ BENCHMARKS = {
     "obstacles": "gradients, scenes beside the path, obstacles on the path, computing time",
     "recording": "cost of recording for the control loop, loss by a kill, a long run",
     "replay": "runs of the node with every method, replayed bit for bit, and replay speed",
+    "soak": "node, watchdog and simulated arm over DDS for minutes: missed steps, memory, threads, /dev/shm",
     "streams": "tracking of streamed poses in one process, with P control and other baselines",
     "tracking": "the whole loop on known and streamed targets, with tuned baselines",
 }

@@ -110,7 +110,9 @@ def main(specification: Path) -> None:
                 sent += 1
                 due_s[index] = max(due_s[index] + period_s, now_s - 0.01)
         if now_s > report_s:
-            Path(given["count"]).write_text(str(sent))
+            written = Path(f"{given['count']}.new")
+            written.write_text(str(sent))
+            written.replace(given["count"])  # never seen empty
             report_s = now_s + 0.1
         left_s = min(due_s) - time.monotonic()
         if left_s > 2e-4:

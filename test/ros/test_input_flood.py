@@ -57,6 +57,7 @@ TITLE += "".join(title.rjust(10) for title in ("silence", "waiting", "arm", "com
 states of the arm, longest computing between two commands; time to zeros beyond ``state.timeout_s`` after the last joint
 state; time to the answer of ~/pause, and computing in it."""
 FRAME = "panda_link0"
+MOVING = ("holding", "tracking")
 ROBOT = make_robot("panda")
 START = np.array(READY["panda"])
 NODE = ["-p", "robot:=panda", "-p", f"rate_hz:={RATE_HZ}", "-p", f"state.timeout_s:={TIMEOUT_S}"]
@@ -254,19 +255,20 @@ def test_no_input_silences_the_node(
         print(f"\n{TITLE}")
     for name, (flood, expected) in floods().items():
         with flooding([flood], peer.domain, tmp_path) as count:
-            peer.until("the flood", lambda: int(count.read_text() or 0) > 0)
-            begin_s, already = time.monotonic(), int(count.read_text() or 0)
+            peer.until("the flood", lambda: int(count.read_text()) > 0)
+            begin_s, already = time.monotonic(), int(count.read_text())
             monitor.restart()
             peer.spin(duration_s)
-            rate = (int(count.read_text() or 0) - already) / (time.monotonic() - begin_s)
+            rate = (int(count.read_text()) - already) / (time.monotonic() - begin_s)
             times_s = [monitor.silence_s, monitor.waiting_s, monitor.arm_s, monitor.computing_s]
             peer.until(expected, lambda: any(part in peer.reason for part in expected.split("|")))  # noqa: B023
 
+            peer.until("control", lambda: peer.mode in MOVING)
             os.kill(simulator.pid, signal.SIGSTOP)  # the joint states end
             peer.until("zeros", lambda: peer.mode == "stopped" and "no joint state for" in peer.reason)
             zeros_s = 1e-9 * (monitor.command_ns - monitor.state_ns) - TIMEOUT_S
             os.kill(simulator.pid, signal.SIGCONT)
-            peer.until("control", lambda: peer.mode in ("holding", "tracking"))
+            peer.until("control", lambda: peer.mode in MOVING)
             pause_s, computed_s = answered_s(peer, pause, node, True)
             answered_s(peer, pause, node, False)
         numbers = "".join(f"{1e3 * time_s:10.1f}" for time_s in (*times_s, zeros_s, pause_s, computed_s))
@@ -276,7 +278,7 @@ def test_no_input_silences_the_node(
         assert computed_s < OWN_S, name
         assert zeros_s < LONGEST_S, name
         assert all(np.isfinite(command).all() for command in peer.commands)
-        peer.until("control", lambda: peer.mode in ("holding", "tracking"))
+        peer.until("control", lambda: peer.mode in MOVING)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -15,6 +15,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 
+from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS
 
@@ -24,8 +25,6 @@ DEPTH = 10
 SHARE = 4.0
 """After a message this multiple of its processing time is left to everything else: at most a fifth of the time goes
 into inputs that are not streamed."""
-CLOCK_PERIOD_S = 0.01
-"""Period of :meth:`InputQueue.run`, and of the calls that detect missing inputs."""
 OVERDUE_S = 0.01
 """Delay of :meth:`InputQueue.run` beyond which the node is behind. Events wait about twice as long at most, a fraction
 of the 50 ms within which requests are answered; a shorter one would be exceeded by two long control steps."""

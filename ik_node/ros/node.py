@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -18,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
 from ik_node.control.joint_states import CONTRADICTION
+from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import NS, Instant
@@ -31,7 +33,7 @@ from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.ros import parameters, qos
 from ik_node.ros.description_topic import DescriptionTopic
-from ik_node.ros.input_queue import CLOCK_PERIOD_S, InputQueue
+from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
@@ -58,7 +60,6 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
         self._autostart = parameters.declare(self, arguments)
-        self._log = ThrottledLog(self)
         self._status_log = StatusLog(self._write_log)
         self._rates = StepRates()
         self._joint_states_skipped = 0
@@ -74,7 +75,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._queue = InputQueue(lambda kind, data: self._on_input(kind, INPUTS[kind], data, self._now()))
         self._publisher = StepPublisher(self)
         self._watchdog = WatchdogStatus(self)
-        self._description = DescriptionTopic(self, self._log, self._on_description)
+        self._description = DescriptionTopic(self, ThrottledLog(self), self._on_description)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/record", self._on_record)
@@ -226,10 +227,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self._note_input(entry.name, f"{entry.name} refused: {error}", now)
             return
         self._note_input(entry.name, "", now)
-        try:
+        with suppress(IkNodeError):  # the reason is in the status, which is logged
             self._calls.call(kind, now, sample, data)
-        except IkNodeError as error:
-            self._log.warning(entry.name, f"{entry.name} refused: {error}")
         self._publish_status()
 
     def _note_input(self, name: str, note: str, now: Instant) -> None:

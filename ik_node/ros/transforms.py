@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.time import Time
 
 from ik_node.errors import IkNodeError, TargetRefused
-from ik_node.interfaces.clock import Instant
+from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import frames_of, stamp_of
 from ik_node.messages.step_codec import CallKind
 from ik_node.replay.recorded_controller import RecordedController
@@ -88,12 +88,10 @@ class Transforms:
             if found is None:
                 continue  # the controller refuses the frame and lists the known ones
             stamp = found.header.stamp
-            taken_ns = 1_000_000_000 * stamp.sec + stamp.nanosec
-            age_s = 1e-9 * (now_ns - taken_ns)
-            if taken_ns and age_s > MAX_AGE_S:  # a static transform has stamp 0
-                raise TransformRefused(
-                    f"transform from {frame} to {base} is {age_s:.1f} s old; at most {MAX_AGE_S:g} s"
-                )
+            taken_ns = NS * stamp.sec + stamp.nanosec
+            if taken_ns and now_ns - taken_ns > MAX_AGE_S * NS:  # a static transform has stamp 0
+                # without the age, so that the status of a stream of targets does not change with each one
+                raise TransformRefused(f"transform from {frame} to {base} is older than {MAX_AGE_S:g} s")
             position, rotation = found.transform.translation, found.transform.rotation
             quaternion = (rotation.x, rotation.y, rotation.z, rotation.w)
             text = transform_text(frame, (position.x, position.y, position.z), quaternion)

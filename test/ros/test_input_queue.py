@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.messages.step_codec import CallKind
-from ik_node.ros.input_queue import CLOCK_PERIOD_S, DEPTH, OVERDUE_S, SHARE, InputQueue
+from ik_node.ros.input_queue import DEPTH, OVERDUE_S, SHARE, InputQueue
 
 OBSTACLES, PATH = CallKind.ON_OBSTACLES, CallKind.ON_TARGET_PATH
 STATE, POSE = CallKind.ON_JOINT_STATE, CallKind.ON_TARGET_POSE

@@ -60,8 +60,14 @@ def stamp_of(message: Any) -> int:
 
 
 def serialize(message: Any) -> bytes:
-    """CDR bytes of any message of the typestore; deterministic, without trailing bytes."""
-    return bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=True))
+    """CDR bytes of any message of the typestore; deterministic, without trailing bytes.
+
+    Raises InputError when a number does not fit its field, for example a time of more than 68 years.
+    """
+    try:
+        return bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=True))
+    except struct.error as error:
+        raise InputError(f"a number does not fit into a {message.__msgtype__}: {error}") from error
 
 
 def deserialize(data: bytes, type_name: str) -> Any:

@@ -20,7 +20,7 @@ def restamped(data: bytes, type_name: str, later_ns: int) -> bytes:
         later_ns: Shift of every stamp; a stamp of 0, which means "at arrival", is kept.
 
     Raises:
-        InputError: The bytes are no ``type_name``.
+        InputError: The bytes are no ``type_name``, or a shifted stamp does not fit into a message.
     """
     message = deserialize(data, type_name)
     _shift(message, later_ns)

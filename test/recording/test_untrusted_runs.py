@@ -16,9 +16,11 @@ from made_steps import made_step
 from support import PROJECT
 
 from ik_node.control.controller_state import ControllerSnapshot
-from ik_node.errors import RecordingError
-from ik_node.messages.cdr import STORE, deserialize, serialize
+from ik_node.errors import InputError, RecordingError
+from ik_node.interfaces.clock import NS
+from ik_node.messages.cdr import STORE, deserialize, make, serialize, time_message
 from ik_node.messages.decode import decode_string
+from ik_node.messages.restamp import restamped
 from ik_node.messages.step_codec import STEP_TYPE, StepDecoder, StepEncoder
 from ik_node.recording.call_log import decode_snapshot, read_setup
 from ik_node.recording.mcap.reader import Recording
@@ -112,6 +114,14 @@ def test_a_step_with_a_counter_or_time_that_is_none(label: str, value: float) ->
     decoder.step(message)
     with pytest.raises(RecordingError, match="no counter or time"):
         decoder.step(changed_step(message, label, value))
+
+
+@pytest.mark.parametrize("seconds", [2**31 - 1, -(2**31)])
+def test_a_stamp_that_is_shifted_out_of_its_field(seconds: int) -> None:
+    data = serialize(make("std_msgs/msg/Header", stamp=time_message(seconds * NS), frame_id=""))
+    restamped(data, "std_msgs/msg/Header", 0)
+    with pytest.raises(InputError, match="does not fit into a std_msgs/msg/Header"):
+        restamped(data, "std_msgs/msg/Header", NS if seconds > 0 else -NS)
 
 
 def test_a_step_of_another_layout() -> None:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from ik_node.errors import RobotError, SettingsError
 from ik_node.robot.catalogue import find, robots_folder
 from ik_node.settings.groups import ArmSettings, Settings
+from ik_node.settings.yaml_text import bounded_text
 
 SHIPPED = "shipped"
 """Value that selects the SRDF of the robot in example-robot-data."""
@@ -49,8 +50,8 @@ def read_srdf(source: str, arm: ArmSettings) -> str:
     if not source.lstrip().startswith("<"):
         path = shipped(arm) if source == SHIPPED else Path(source)
         try:
-            text = path.read_text()
-        except (OSError, UnicodeDecodeError) as error:
+            text = bounded_text(path)
+        except (OSError, ValueError) as error:  # InputError, or a NUL in the path
             reason = getattr(error, "strerror", None) or str(error)
             raise SettingsError(
                 f"obstacles.srdf cannot be read: {path}: {reason}; valid: SRDF text, the path of a file, {SHIPPED}"
@@ -97,5 +98,6 @@ def _listed(root: ElementTree.Element, kind: str) -> set[Pair]:
 
 
 def _parse(text: str) -> ElementTree.Element:
-    # Parsed as bytes, because the parser rejects text with an encoding declaration.
-    return ElementTree.fromstring(text.strip().encode())
+    # The text is decoded already, so a declared encoding, which may not exist, does not apply.
+    parser = ElementTree.XMLParser(encoding="utf-8")
+    return ElementTree.fromstring(text.strip().encode(errors="replace"), parser)

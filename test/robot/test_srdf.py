@@ -89,3 +89,16 @@ def test_invalid_sources_are_refused(wanted: str, arm: ArmSettings, words: str) 
 def test_a_folder_is_no_srdf(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="cannot be read"):
         srdf.read_srdf(str(tmp_path), PANDA)
+
+
+@pytest.mark.parametrize("encoding", ["utf-6", "utf-16", "latin-1"])
+def test_the_declared_encoding_of_a_text_does_not_apply(encoding: str) -> None:
+    text = f"<?xml version='1.0' encoding='{encoding}'?><robot><disable_collisions link1='ä' link2='b'/></robot>"
+    assert srdf.read_srdf(text, ArmSettings()) == text
+    assert srdf.disabled_pairs(text, ()) == {frozenset(("ä", "b"))}
+
+
+@pytest.mark.parametrize("source", ["/dev/zero", "a\0b", "<robot>\ud800", "<robot/>\x00"])
+def test_a_source_of_any_content_is_refused(source: str) -> None:
+    with pytest.raises(SettingsError, match=r"obstacles\.srdf"):
+        srdf.read_srdf(source, ArmSettings())

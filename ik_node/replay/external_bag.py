@@ -34,6 +34,9 @@ CLOCK_PERIOD_NS = NS // 100
 LONGEST_GAP_NS = 60 * NS
 """Time without messages after which clock calls are left out: six times the longest ``timeout_s``, so that the arm has
 been ramped down. A bag whose times leap by years would otherwise make a call every 10 ms of them."""
+GAP_END_NS = 3 * NS
+"""Clock calls of the end of a gap that are made: their rate, of which the controller keeps a mean over
+:data:`ik_node.control.step_timer.RATE_WINDOW_S`, is that of the node again when the next message comes."""
 DESCRIPTION = "robot_description"
 RATE_MARGIN = 1.1
 """Ratio of rate_hz to the rate of the joint states; above 1, so that each of them makes a control step."""
@@ -93,17 +96,17 @@ class ExternalBag:
     def entries(self) -> Iterator[RecordedCall]:
         """The messages as calls, with clock calls between them.
 
-        After :data:`LONGEST_GAP_NS` without a message only the last clock call of the gap is made. The result is the
-        same: without joint states the controller is at rest by then, and at rest a clock call changes nothing but the
-        time, of which the next call has its own.
+        After :data:`LONGEST_GAP_NS` without a message only the clock calls of the last :data:`GAP_END_NS` of the gap
+        are made. The Steps are the same: without joint states the controller is at rest by then, and at rest a clock
+        call changes nothing but the time, of which the next call has its own, and the number and rate of such calls.
         """
         number = 0
         next_ns = last_ns = 0
         for kind, time_ns, data in self._messages():
             next_ns = next_ns or time_ns + CLOCK_PERIOD_NS
             while next_ns <= time_ns:
-                if last_ns + LONGEST_GAP_NS < next_ns < time_ns - CLOCK_PERIOD_NS:
-                    next_ns += (time_ns - next_ns) // CLOCK_PERIOD_NS * CLOCK_PERIOD_NS
+                if last_ns + LONGEST_GAP_NS < next_ns < time_ns - GAP_END_NS:
+                    next_ns += (time_ns - GAP_END_NS - next_ns) // CLOCK_PERIOD_NS * CLOCK_PERIOD_NS
                 yield RecordedCall(number, Call(CallKind.ON_CLOCK, -1, Instant(next_ns, next_ns)), b"", None)
                 next_ns += CLOCK_PERIOD_NS
                 number += 1

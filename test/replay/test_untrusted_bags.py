@@ -146,10 +146,10 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: object) -> None:
 @pytest.mark.parametrize("gap_s", [100.0, 3e8])
 def test_a_gap_makes_a_bounded_number_of_calls(tmp_path: Path, gap_s: float) -> None:
     entries = list(opened(write_bag(tmp_path / "bag", last_ns=round(gap_s * NS))).entries())
-    assert len(entries) < 6_200
+    assert len(entries) < 6_500
     times = [entry.call.now.monotonic_ns for entry in entries]
     assert times == sorted(times)
-    assert times[-1] - times[-2] < 10_000_000, "the last clock call of the gap"
+    assert times[-1] - times[-2] < 10_000_000, "the clock calls of the end of the gap"
 
 
 @pytest.mark.parametrize("draws", [60, pytest.param(1000, marks=pytest.mark.exhaustive)])

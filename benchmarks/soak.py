@@ -88,10 +88,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for name, values in given.items():
                 processes[name] = NodeProcess(f"ik_node.cli.{name}", values, {}, folder / f"{name}.log")
             minutes = measure(processes, folder / "bag", options.minutes, options.rate)
+            shared = shared_files(processes)
         finally:
             codes = {name: process.stop(signal.SIGINT) for name, process in reversed(processes.items())}
         print(f"exit codes: {', '.join(f'{name} {code}' for name, code in codes.items())}")
     faults = verdict(minutes, options.minutes / len(minutes)) if minutes else ["nothing was measured"]
+    left = sorted(name for name in shared if Path(name).name.startswith("fastrtps_") and Path(name).exists())
+    faults += [f"files left in /dev/shm: {', '.join(left)}"] if left else []
     faults += [f"{name} ended with {code}" for name, code in codes.items() if code]
     print("\n".join(f"wrong: {fault}" for fault in faults) or "right: nothing grows, and the node missed no step")
     return 1 if faults else 0
@@ -220,11 +223,18 @@ def minute(steps: StepGaps, processes: dict[str, Any], bag: Path) -> Minute:
         steps.missed,
         1e3 * steps.longest_s,
         {name: state_of(process.pid) for name, process in processes.items()},
-        sum(1 for _ in SHM.iterdir()) if SHM.is_dir() else 0,
+        len(shared_files(processes)),
         sum(file.stat().st_size for file in bag.glob("*.mcap")) / 1e6,
     )
     steps.restart()
     return found
+
+
+def shared_files(processes: dict[str, Any]) -> set[str]:
+    """Files in /dev/shm that these processes have mapped; other processes of the machine have files there, too."""
+    maps = [Path(f"/proc/{process.pid}/maps").read_text() for process in processes.values()]
+    lines = "\n".join(maps).splitlines()
+    return {line.split(maxsplit=5)[5].strip() for line in lines if f" {SHM}/" in line}
 
 
 def state_of(pid: int) -> Process:
@@ -272,7 +282,7 @@ def verdict(rows: list[Minute], length_min: float) -> list[str]:
             if max(counts) != min(counts):
                 faults.append(f"{what} of {name}: {min(counts)} to {max(counts)}")
     files = [entry.shm_files for entry in late]
-    if files[-1] > files[0]:
+    if files and files[-1] > files[0]:
         faults.append(f"files in /dev/shm: {files[0]} to {files[-1]}")
     totals = {cause: sum(entry.missed[cause] for entry in rows) for cause in rows[0].missed}
     print(f"steps {sum(entry.steps for entry in rows)}, missed by cause {totals}")

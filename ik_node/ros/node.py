@@ -6,6 +6,7 @@ It subscribes to bytes, decodes them, calls the controller through a
 
 from __future__ import annotations
 
+import gc
 import time
 import traceback
 from collections.abc import Sequence
@@ -127,6 +128,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             self.get_logger().info("compiling, once per version: about a minute")
         start_s = time.monotonic()
         warm_up(robot, settings)
+        gc.unfreeze()
+        gc.collect()
+        gc.freeze()  # a full collection of what was loaded and compiled would hold up the commands for 0.1 s
         self.get_logger().info(f"warmed up in {time.monotonic() - start_s:.1f} s")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

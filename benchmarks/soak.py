@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -31,6 +32,8 @@ TARGET_HZ = 50.0
 LATE_PERIODS = 1.5
 """A longer time between two commands, in control periods, has missed steps."""
 SHM = Path("/dev/shm")
+SEGMENT = re.compile(r".*/fastrtps_[0-9a-f]+")
+"""Memory of one process; files of ports are kept by Fast DDS for the next process."""
 MOVING = ("tracking", "holding")
 CAUSES = ("arm", "machine", "stopped", "node")
 """Causes of missed steps: the joint states had the same gap; the node waited for the processor; it had stopped the arm,
@@ -93,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             codes = {name: process.stop(signal.SIGINT) for name, process in reversed(processes.items())}
         print(f"exit codes: {', '.join(f'{name} {code}' for name, code in codes.items())}")
     faults = verdict(minutes, options.minutes / len(minutes)) if minutes else ["nothing was measured"]
-    left = sorted(name for name in shared if Path(name).name.startswith("fastrtps_") and Path(name).exists())
+    left = sorted(name for name in shared if SEGMENT.fullmatch(name) and Path(name).exists())
     faults += [f"files left in /dev/shm: {', '.join(left)}"] if left else []
     faults += [f"{name} ended with {code}" for name, code in codes.items() if code]
     print("\n".join(f"wrong: {fault}" for fault in faults) or "right: nothing grows, and the node missed no step")

@@ -36,7 +36,7 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, TargetSource, check_distance, twist_frame
 
 MAX_AGE_NS = round(MAX_STAMP_AGE_S * NS)
 MAX_AHEAD_NS = NS // 2
@@ -137,7 +137,7 @@ class Controller:
 
     def on_target_pose(self, sample: inputs.PoseSample, now: Instant) -> None:
         """Adds a pose of the target stream."""
-        with self._refusals():
+        with self._refusals(TargetSource.POSE.value):
             pose_sd = self._frames.pose_of(sample, "target")
             check_distance(pose_sd)
         stamped = to_monotonic(sample.stamp_ns, now, MAX_AGE_NS, MAX_AHEAD_NS)
@@ -148,18 +148,18 @@ class Controller:
 
     def on_target_path(self, sample: inputs.PathSample, now: Instant) -> None:
         """Starts to follow a path; TargetRefused names the invalid pose."""
-        with self._refusals():
+        with self._refusals(TargetSource.PATH.value):
             self._targets.on_path(sample, self._frames.pose, now, self._ready().position)
 
     def on_target_trajectory(self, sample: inputs.TrajectorySample, now: Instant) -> None:
         """Starts to follow a trajectory of poses and twists; TargetRefused names the invalid point."""
-        with self._refusals():
+        with self._refusals(TargetSource.TRAJECTORY.value):
             self._ready()
             self._targets.on_trajectory(sample, self._frames.pose, now)
 
     def on_target_twist(self, sample: inputs.TwistSample, now: Instant) -> None:
         """Jogs the tool with a twist."""
-        with self._refusals():
+        with self._refusals(TargetSource.TWIST.value):
             self._ready()
             frame = twist_frame(self.robot, self._frames, sample.frame_id)
             self._targets.on_twist(sample, frame, now)
@@ -174,7 +174,7 @@ class Controller:
     def on_transform(self, transform: str, now: Instant) -> None:
         """Sets the pose of a frame outside the robot model, see :func:`ik_node.robot.frames.transform_text`."""
         del now
-        with self._refusals():
+        with self._refusals("transform"):
             self._frames.set_transform(transform)
 
     def on_input_note(self, text: str, now: Instant) -> None:
@@ -230,8 +230,8 @@ class Controller:
 
     def reset(self) -> None:
         """Ends a fault or a pause; the arm holds the measured position."""
-        self._status.note("target")
-        self._status.note("obstacles")
+        for subject in ("obstacles", "transform", *(source.value for source in TargetSource)):
+            self._status.note(subject)
         self._state_machine.reset()
 
     def check(self, settings: Settings) -> None:
@@ -351,15 +351,15 @@ class Controller:
         return self._state
 
     @contextmanager
-    def _refusals(self) -> Iterator[None]:
-        """Counts errors of a target, adds them to the status, and raises them as TargetRefused."""
+    def _refusals(self, name: str) -> Iterator[None]:
+        """Counts errors of an input, notes them until it is accepted or reset, and raises them as TargetRefused."""
         try:
             yield
         except (InputError, UnknownNameError) as error:
             self.targets_refused += 1
-            self._status.note("target", f"target refused: {error}")
+            self._status.note(name, f"{name} refused: {error}")
             raise TargetRefused(str(error)) from error
-        self._status.note("target")
+        self._status.note(name)
 
     # --- stopping ----------------------------------------------------------------------------------------------------
 

@@ -169,7 +169,7 @@ def test_an_invalid_target_is_refused_with_a_reason_and_the_next_valid_one_accep
     with pytest.raises(TargetRefused, match=reason):
         loop.controller.on_target_pose(bad, loop.now)
     loop.tick()
-    assert "target refused" in loop.controller.status.reason
+    assert "target_pose refused" in loop.controller.status.reason
     assert loop.controller.status.level is Level.WARN
     assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-6
     pose = loop.pose()
@@ -179,6 +179,20 @@ def test_an_invalid_target_is_refused_with_a_reason_and_the_next_valid_one_accep
         loop.run(0.02)
     assert loop.controller.status.reason == "following target_pose"
     assert np.abs(loop.pose()[:3, 3] - pose[:3, 3]).max() < 1e-4
+
+
+def test_the_reason_of_a_refused_twist_stays_while_another_input_is_accepted(panda: Robot) -> None:
+    loop = loop_of(panda)
+    loop.target(loop.pose())
+    loop.tick()
+    with pytest.raises(TargetRefused):
+        loop.controller.on_target_twist(TwistSample(loop.now.ros_ns, "panda_link0", np.full(6, np.nan)), loop.now)
+    loop.target(loop.pose())
+    loop.tick()
+    assert "target_twist refused: target twist is not finite" in loop.controller.status.reason
+    loop.controller.reset()
+    loop.tick()
+    assert "refused" not in loop.controller.status.reason
 
 
 def test_a_quaternion_with_a_small_norm_error_is_normalised(panda: Robot) -> None:

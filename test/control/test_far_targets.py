@@ -45,7 +45,7 @@ def test_poses_of_a_stream_are_refused_beyond_the_bound_of_paths(loop: Loop, val
     with pytest.raises(TargetRefused, match="target is more than 100 m away"):
         give(loop, np.array([0.5, value, 0.5]))
     loop.run(0.02)
-    assert "target refused: target is more than 100 m away" in loop.controller.status.reason
+    assert "target_pose refused: target is more than 100 m away" in loop.controller.status.reason
     assert loop.controller.status.level is Level.WARN
     assert np.abs(loop.steps[-1].joint_velocity).max() < 1e-9
 

@@ -112,7 +112,7 @@ class Rig:
         self._turn_s += min(elapsed_s, 0.1)
         command = self.peer.commands[-1] if self.peer.commands else np.zeros(self.robot.n)
         if np.isfinite(command).all():
-            self.position = self.position + min(elapsed_s, 0.1) * self.obeys(command)
+            self.position = self.position + min(elapsed_s, 0.5) * self.obeys(command)
         if self._clock is not None and self.clock_runs:
             self._clock.publish(Clock(clock=self.stamp()))
         self._count += 1

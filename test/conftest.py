@@ -66,7 +66,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     reports = [report for found in terminalreporter.stats.values() for report in found]
     calls = [report for report in reports if getattr(report, "when", "") == "call"]
     rows = [row for call in calls for name, found in call.user_properties if name == "fault_rows" for row in found]
-    if rows:
+    if rows and not hasattr(config, "workerinput"):
         from fault_table import table
 
         text = f"seed {config.getoption('--fault-seed')}, {len(rows)} rows\n{table(rows)}\n"

@@ -12,9 +12,11 @@ from pathlib import Path
 from ik_node import resources
 from ik_node.cli.entry import UNUSABLE, command_line
 from ik_node.cli.pose_file_options import add_options, format_from
-from ik_node.errors import IkNodeError
+from ik_node.errors import IkNodeError, SceneError, SettingsError, TrajectoryFileError
 from ik_node.settings.groups import METHOD_NAMES
 
+FILE_ERRORS = (SceneError, SettingsError, TrajectoryFileError)
+"""Of the files and options that are given."""
 SHAPES = ("figure_of_eight", "circle", "line", "hold")
 """Keys of :data:`ik_node.trajectory.shapes.SHAPES`, which would load NumPy and numba; a test compares them."""
 
@@ -44,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run, 2 for an invalid option."""
+    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run, 2 for an invalid option or file."""
     options = parser().parse_args(arguments)
     from ik_node.settings.parameter_file import parse_assignment
 
@@ -59,10 +61,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
     try:
         # Imported after the environment is set: the middleware reads it when it is loaded.
+        import numpy as np
+
+        from ik_node.collision.scene import read_scene
         from ik_node.ros.demo.demo import Demonstration, DemoOptions
 
         overrides = [value.replace("=", ":=", 1) for value in options.set]
         if options.scene is not None:
+            read_scene(options.scene, lambda frame: np.eye(4))  # the node resolves the frames
             overrides.append(f"obstacles.scene:={options.scene.resolve()}")
         if options.method:
             overrides.append(f"method:={options.method}")
@@ -82,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return demonstration.run()
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return UNUSABLE if isinstance(error, FILE_ERRORS) else 1
 
 
 if __name__ == "__main__":

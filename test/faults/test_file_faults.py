@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import shutil
 import struct
 from collections.abc import Callable
@@ -204,11 +205,11 @@ FAULTS = (
     FileFault("YAML aliases in the metadata", lambda f: own(f, BOMB, "report"), "aliases", "F11"),
     FileFault("binary metadata", lambda f: own(f, b"\xff\xfe\x00binary", "report"), "metadata", "F11"),
     FileFault("empty metadata", lambda f: own(f, "", "report"), "metadata"),
-    FileFault("a tenth of a recording", lambda f: changed(f, lambda b: b[: len(b) // 10], "report"), "lacks"),
+    FileFault("a tenth of a recording", lambda f: changed(f, lambda b: b[: len(b) // 10], "report"), "holds no run"),
     FileFault("a recording of zeros", lambda f: changed(f, lambda b: bytes(len(b)), "report"), "bag"),
     FileFault("an empty recording", lambda f: changed(f, lambda b: b"", "report"), "bag"),
     FileFault("a text as recording", lambda f: changed(f, lambda b: b"text\n" * 100, "replay"), "bag"),
-    FileFault("no sequence numbers", without_sequence, "sequence numbers", "W15"),
+    FileFault("no sequence numbers", without_sequence, "", "W15"),
     FileFault("no such bag", lambda f: ["report", str(f / "none")], "none"),
     FileFault("bag of others", lambda f: others(f, change=unchanged), ""),
     FileFault("topic in JSON", lambda f: others(f, "json", change=unchanged), "", "W14"),
@@ -240,6 +241,33 @@ def test_files(tmp_path: Path, pytestconfig: pytest.Config, record_property: Cal
         if not arguments:  # the file is not beside this checkout
             continue
         last, code, wrong = one_line(arguments, fault.text)
+        last = last.replace(f"{folder}/", "")
         rows.append(Row(fault.name, fault.case, f"ik_{arguments[0]}", "-", "-", "-", "-", last, code, wrong))
+    record_property("fault_rows", [list(row) for row in rows])
+    assert not failures(rows), "\n".join(failures(rows))
+
+
+def test_other_origins(record_property: Callable[[str, object], None]) -> None:
+    """A page of another origin gets no answer of the viewer; test/viewer/test_server.py has further cases."""
+    pytest.importorskip("viser")
+    from ik_node.viewer.server import serve
+
+    server = serve(0)
+    rows = []
+    try:
+        for host, origin, expected in (
+            ("localhost", "", 200),
+            ("evil.example", "", 403),
+            ("", "http://evil.example", 403),
+        ):
+            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=60.0)
+            headers = {"Host": host or f"localhost:{server.get_port()}", **({"Origin": origin} if origin else {})}
+            connection.request("GET", "/", headers=headers)
+            found = connection.getresponse().status
+            wrong = "" if found == expected else f"status {found}; expected {expected}"
+            name = f"page of {origin or host}"
+            rows.append(Row(name, "F12", "ik_view", "-", "-", "-", "-", f"HTTP status {found}", "-", wrong))
+    finally:
+        server.stop()
     record_property("fault_rows", [list(row) for row in rows])
     assert not failures(rows), "\n".join(failures(rows))

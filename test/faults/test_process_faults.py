@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from fault import ENDED, METHODS, START, STOPPED, TIMEOUT_S, Fault, Right, choose, chosen_methods
-from fault_table import failures
+from fault_table import Row, failures
 from loop import READY, make_robot
 from rig import NS, Rig
 from ros_peer import peer_in_own_domain
@@ -222,7 +222,9 @@ def test_signals_to_bootstrap(
         finish(node, record_property)
 
 
-def test_ctrl_c_in_the_demonstration(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+def test_ctrl_c_in_the_demonstration(
+    tmp_path: Path, pytestconfig: pytest.Config, record_property: Callable[[str, object], None]
+) -> None:
     """W12: Ctrl-C in ``bootstrap.py demo`` while the arm moves: the report of the run so far is made."""
     if not (pytestconfig.getoption("--exhaustive") and (PROJECT / ".venv" / "bin" / "ik_node").is_file()):
         pytest.skip("runs with --exhaustive, in the .venv that bootstrap.py makes")
@@ -240,6 +242,9 @@ def test_ctrl_c_in_the_demonstration(tmp_path: Path, pytestconfig: pytest.Config
             peer.until("the end", lambda: process.poll() is not None)
             assert not peer.commands[-1].any()
             assert (tmp_path / "run" / "report.json").is_file(), (tmp_path / "log").read_text()
+            end = ("report of the run so far", f"exit {process.returncode}", "")
+            row = Row("Ctrl-C in bootstrap.py demo", "W12", "plain", "-", "-", "-", "zeros", *end)
+            record_property("fault_rows", [list(row)])
         finally:
             process.kill()
             process.wait()

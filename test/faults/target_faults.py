@@ -183,15 +183,17 @@ def trajectory(change: Callable[[Any], Any]) -> Callable[[Rig], None]:
 
 
 def twist(x: float, frame_id: str = FRAME) -> Callable[[Rig], None]:
-    """A cause: one twist."""
+    """A cause: twists, as often as joint states; a single one may be lost, as the node receives them best-effort."""
 
-    def make(rig: Rig) -> Any:
+    def cause(rig: Rig) -> None:
         message = TwistStamped()
         message.header.frame_id, message.header.stamp = frame_id, rig.stamp()
         message.twist.linear.x = x
-        return message
+        rig.publish("/ik_node/target_twist", TwistStamped, None)
+        rig.mark()
+        rig.each = lambda: rig.publish("/ik_node/target_twist", TwistStamped, message)
 
-    return send("target_twist", lambda: TwistStamped, make)
+    return cause
 
 
 def set_pose(number: int, x: float) -> Callable[[Any], None]:

@@ -35,14 +35,15 @@ class IkNodeError(Exception):
 
 
 def one_line(text: str) -> str:
-    """A text without control characters, cut after :data:`LONGEST_MESSAGE` characters.
+    """A text without control characters; the middle of one beyond :data:`LONGEST_MESSAGE` characters is left out.
 
     Messages are printed on terminals and published as status: line breaks become blanks, other control characters and
     lone surrogates, which cannot be encoded, their escape sequences.
     """
     if not text.isprintable():
         text = "".join(map(_printable, text))
-    return text if len(text) <= LONGEST_MESSAGE else f"{text[: LONGEST_MESSAGE - 3]}..."
+    half = LONGEST_MESSAGE // 2 - 2  # the reason stands at the end, behind the name
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:half]}...{text[-half:]}"
 
 
 def _printable(character: str) -> str:

@@ -15,7 +15,7 @@ from ik_node.settings.groups import Settings
         ("\x1b[31mred\x07", r"\x1b[31mred\x07"),
         ("\ud800", r"\ud800"),
         ("überprüfen: 5 µm", "überprüfen: 5 µm"),
-        ("x" * 10_000, "x" * (LONGEST_MESSAGE - 3) + "..."),
+        ("x" * 9_000 + "end", "x" * (LONGEST_MESSAGE // 2 - 2) + "..." + "x" * (LONGEST_MESSAGE // 2 - 5) + "end"),
     ],
 )
 def test_messages_are_one_line(text: str, shown: str) -> None:

@@ -1,6 +1,7 @@
 """Too few control steps: slow joint states and a machine that does not keep up are told apart, and stop the arm once.
 
-A machine that does not keep up makes its calls late; here their times are chosen. Over DDS: test/ros/test_overload.py.
+A machine that does not keep up makes its calls late; here their times are chosen. test/ros/test_node_overload.py runs
+over DDS.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.errors import RecordingError
 from ik_node.math.types import Array
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall, RecordedCalls
@@ -45,8 +46,12 @@ class Measured(NamedTuple):
 
 
 def read_commands(bag: Path, robot: Robot) -> list[Command]:
-    """All commands of a recording, complete or cut off."""
-    calls, commands = RecordedCalls(bag), []
+    """All commands of a recording, complete or cut off; none if its node was killed before the first was written."""
+    try:
+        calls = RecordedCalls(bag)
+    except RecordingError:
+        return []
+    commands = []
     settings = calls.initial_settings
     limits = _limits(robot, settings)
     for entry in calls.entries():

@@ -234,6 +234,8 @@ class Session:
 
     def _row(self, cell: Cell, commands: list[Command]) -> Row:
         right, wrong = cell.fault.right, list(cell.wrong)
+        if not commands and right.mode != ENDED:
+            wrong.append("the recording holds no run")
         found = measure(commands, cell.begin_ns, cell.fault_ns, cell.end_ns, right.mode, right.text)
         not_finite = found.not_finite + cell.wire_not_finite
         # Without a Step with zeros, those of another process (the watchdog) count.

@@ -698,11 +698,8 @@ def _cut_seeds() -> list[bytes]:
 
 def _npy_seeds() -> list[bytes]:
     found = []
-    for array in (
-        np.linspace(0.0, 1.0, 21).reshape(3, 7),
-        np.zeros((2, 3, 3), np.float32),
-        np.eye(8, dtype=np.int64)[[6, 7]],
-    ):
+    rows = np.array([[0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0], [1.0, 0.1, 0.2, 0.4, 0.0, 0.6, 0.0, 0.8]])
+    for array in (rows, rows[:, 1:], rows.astype(np.float32), np.asfortranarray(rows)):
         stream = io.BytesIO()
         np.save(stream, array)
         found.append(stream.getvalue())

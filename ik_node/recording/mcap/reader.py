@@ -254,5 +254,6 @@ def inside(directory: Path, name: Any) -> Path:
         if file.exists() and not file.is_file():
             raise RecordingError(f"'{file}' is no regular file")
     except (OSError, RuntimeError) as error:  # a name too long, or a loop of links
-        raise RecordingError(f"'{file}' cannot be read: {error}") from error
+        reason = getattr(error, "strerror", None) or error  # the text of an OSError repeats the name
+        raise RecordingError(f"'{file}' cannot be read: {reason}") from error
     return file

@@ -14,7 +14,7 @@ from loop import make_robot
 from recorded_loop import finish, recorded_loop
 
 from ik_node.cli import report as command
-from ik_node.errors import RecordingError
+from ik_node.errors import RecordingError, TrajectoryFileError
 from ik_node.interfaces.clock import NS
 from ik_node.math.se3 import quaternion_from_rotation
 from ik_node.recording.run import Run
@@ -121,9 +121,14 @@ def test_ground_truth_is_stored_and_read(run: Run, tmp_path: Path) -> None:
     assert np.abs(again.position - truth.position).max() < 1e-11
     with pytest.raises(RecordingError):
         write_ground_truth(tmp_path / "trajectory.csv", truth)
-    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(RecordingError, match="no ground truth"):
-        read_ground_truth(tmp_path / "other.csv")
+    for text, message in (
+        ("a,b\n1,2\n3,4\n", "no position x, y, z"),
+        ("x,y,z,qx,qy,qz,qw\n" + "0.1,0.2,0.3,0,0,0,1\n" * 2, "is no ground truth: it holds no time"),
+        ("t,x,y\n0,0.1,0.2\n1,0.1,0.2\n", "is no ground truth: it holds no orientation and no z"),
+    ):
+        (tmp_path / "other.csv").write_text(text)
+        with pytest.raises(TrajectoryFileError, match=message):
+            read_ground_truth(tmp_path / "other.csv")
 
 
 def test_command_line(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

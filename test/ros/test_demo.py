@@ -252,7 +252,7 @@ def test_an_existing_folder_and_an_unknown_trajectory_are_refused(tmp_path: Path
     ):
         with started(tmp_path, *arguments) as process:
             said, _ = process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 1
+        assert process.returncode == 2
         assert words in said
         assert "Traceback" not in said
 

@@ -36,7 +36,8 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, check_distance
+from ik_node.targets.jog import twist_frame
 
 MAX_TARGET_AHEAD_S = 0.5
 """Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
@@ -335,7 +336,7 @@ class Controller:
         if self._joint_states.skew_ns != 0:
             conditions.append("joint state stamps disagree with this clock; the time of arrival is used")
         conditions.extend(self._targets.warnings)
-        self._status.note(REACH, self._targets.out_of_reach)
+        self._status.note(REACH, self._targets.target_note)
         self._status.set_conditions(conditions, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))

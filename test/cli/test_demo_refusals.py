@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import PROJECT, shared_path
 
-from ik_node.cli import demo, report
+from ik_node.cli import demo, export, replay, report, view
 from ik_node.recording.run_reader import load_run
 
 POSES = "t,x,y,z,qx,qy,qz,qw\n0.0,0.4,0.1,0.3,0,0,0,1\n0.1,0.4,0.2,0.3,0,0,0,1\n"
@@ -125,3 +125,20 @@ def test_the_field_s_files_are_refused_or_read_before_the_start(capsys: pytest.C
         path = shared_path("field_cases", *case.split("/"))
         assert demo.main(["--headless", "--trajectory", str(path), *arguments.split()]) == 2
         assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("bag", ["tf_example", "tf_example.bag"])
+def test_a_bag_of_another_program_is_named_alike_by_all(bag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """rosbag2 in sqlite3 and rosbag1: one exit code, and the topics."""
+    path = str(shared_path("data", "foreign_bags", bag))
+    for main, arguments in (
+        (report.main, [path]),
+        (view.main, [path]),
+        (export.main, [path, "out.csv"]),
+        (replay.main, [path]),
+    ):
+        assert main(arguments) == 2
+        said = capsys.readouterr().err
+        assert len(said.splitlines()) == 1
+        assert "/tf (tf2_msgs/msg/TFMessage, 517)" in said
+        assert main is replay.main or "holds no run of ik_node" in said

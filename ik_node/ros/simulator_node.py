@@ -12,6 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
+from ik_node.control.start_posture import choose_start_posture
 from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
 from ik_node.robot.catalogue import robot_from_settings
@@ -19,6 +20,9 @@ from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.ros import qos
 from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.settings.groups import ArmSettings
+
+NOT_CONFIGURED = [0.0]
+"""Default of initial_position: ROS needs a list that is not empty to know the type of its elements."""
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
@@ -36,10 +40,16 @@ class SimulatorNode(Node):  # type: ignore[misc]
         )
         about = ParameterDescriptor(description="Rate of the joint states [Hz].", read_only=True)
         rate_hz = self.declare_parameter("rate_hz", 500.0, about).value
-        about = ParameterDescriptor(description="Joint positions at the start [rad, m].", read_only=True)
-        start = self.declare_parameter("initial_position", [0.0], about).value
+        about = ParameterDescriptor(
+            description="Joint positions at the start [rad, m]; default: chosen.", read_only=True
+        )
+        start = self.declare_parameter("initial_position", NOT_CONFIGURED, about).value
         robot = robot_from_settings(arm)
-        position = np.zeros(robot.n) if list(start) == [0.0] else np.array(start, dtype=np.float64)
+        position = np.array(start, dtype=np.float64)
+        if position.tolist() == NOT_CONFIGURED:
+            chosen = choose_start_posture(robot)
+            position = chosen.position
+            self.get_logger().info(chosen.describe(robot.joints))
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
         self._joints = robot.joints

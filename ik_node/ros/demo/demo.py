@@ -33,13 +33,12 @@ from ik_node.report import (
 )
 from ik_node.report.summary_page import save_summary
 from ik_node.ros.child_process import NodeProcess
-from ik_node.ros.demo.options import ARM_PARAMETERS, CheckedRun, DemoOptions
+from ik_node.ros.demo.options import ARM_PARAMETERS, SIMULATOR, CheckedRun, DemoOptions
 from ik_node.ros.demo.target_streamer import TargetStreamer
 from ik_node.settings.groups import Settings
 from ik_node.trajectory import shapes
 from ik_node.trajectory.pose_file import PoseFileTrajectory
 
-SIMULATOR = "ik_simulator"
 READY_TIMEOUT_S = 120.0
 """Includes the compilation by the node where machine code cannot be stored on disk."""
 STREAM_RATE_HZ = 50.0
@@ -81,6 +80,8 @@ class Demonstration:
 
     def _simulator(self, out: Path) -> NodeProcess:
         arguments = [*self._common(SIMULATOR), "-r", "commands:=/ik_node/commands"]
+        if self._run.start is not None:
+            arguments += ["-p", f"{SIMULATOR}:initial_position:={self._run.start.position.tolist()}"]
         return NodeProcess("ik_node.cli.simulator", arguments, {}, out / "ik_simulator.log")
 
     def _node(self, out: Path) -> NodeProcess:
@@ -121,6 +122,8 @@ class Demonstration:
                 raise IkNodeError("interrupted before the start")
 
         print(f"starting {self._run.robot_name}: ik_node and ik_simulator over DDS", flush=True)
+        if self._run.start is not None:
+            print(self._run.start.describe(self._robot.joints), flush=True)
         streamer.wait_until_ready(READY_TIMEOUT_S, check_processes)
         start_pose = streamer.measured_pose()
         trajectory = self._trajectory(start_pose)

@@ -11,16 +11,19 @@ import numpy as np
 
 from ik_node import resources
 from ik_node.collision.scene import read_scene
+from ik_node.control.start_posture import StartPosture, choose_start_posture
 from ik_node.errors import SettingsError
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
-from ik_node.settings.parameter_file import parse_assignment, read_settings
+from ik_node.settings.parameter_file import addresses, parse_assignment, read_sections, read_settings
 from ik_node.settings.schema import Value
 from ik_node.trajectory import pose_file, shapes
 from ik_node.trajectory.pose_file import PoseFile
 from ik_node.trajectory.pose_file_format import PoseFileFormat
 
+SIMULATOR = "ik_simulator"
+"""Name of the node of the simulated arm."""
 DEFAULT_ROBOT = "panda"
 OWN_PARAMETERS = ("recording.enabled", "recording.directory")
 """Parameters that the demonstration sets."""
@@ -69,6 +72,10 @@ class CheckedRun:
         self.robot_name = self.settings.arm.robot or Path(str(self.config)).stem
         if scene := self.settings.obstacles.scene:
             read_scene(scene, lambda frame: self.robot.frame_pose(np.zeros(self.robot.n), frame))
+        self.start: StartPosture | None = None
+        """The start of the simulated arm, chosen for these obstacles; None where it is configured."""
+        if not _is_start_configured(self.config):
+            self.start = choose_start_posture(self.robot, self.settings)
         self.poses: PoseFile | None = None
         """The file of poses; None for a shape."""
         if options.trajectory not in shapes.SHAPES:
@@ -97,6 +104,12 @@ def checked_overrides(assignments: Sequence[str]) -> dict[str, str]:
             raise SettingsError(f"--set {assignment} has no effect: the demonstration sets {', '.join(OWN_PARAMETERS)}")
         found[name] = assignment.partition("=")[2]
     return found
+
+
+def _is_start_configured(config: Path | None) -> bool:
+    """Whether a parameter file has the start of the simulated arm."""
+    sections = {} if config is None else read_sections(config)
+    return any("initial_position" in values for name, values in sections.items() if addresses(name, SIMULATOR))
 
 
 def _config_for(robot: str) -> Path | None:

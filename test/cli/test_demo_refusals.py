@@ -1,4 +1,4 @@
-"""``ik_demo`` and ``ik_report`` check every argument and file first: exit code 2, one line, nothing started."""
+"""``ik_demo``, ``ik_report`` and ``ik_replay`` check all arguments and files first: exit code 2, nothing started."""
 
 from __future__ import annotations
 
@@ -125,6 +125,27 @@ def test_the_field_s_files_are_refused_or_read_before_the_start(capsys: pytest.C
         path = shared_path("field_cases", *case.split("/"))
         assert demo.main(["--headless", "--trajectory", str(path), *arguments.split()]) == 2
         assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--to /other", "--to: no effect without --ros"),
+        ("--input target_pose", "--input: no effect without --ros"),
+        ("--ros --method plain", "--method: no effect with --ros"),
+        ("--open-loop", "--open-loop: no effect without --method"),
+        ("--open-loop --robot panda", "--open-loop: no effect"),
+        ("--out new --jobs 2", "--out, --jobs: no effect without --method"),
+        ("--robot panda --node /ik_node", "--node: no effect for a bag of another program"),
+    ],
+)
+def test_replay_refuses_options_without_effect(
+    bag: Path, arguments: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert replay.main([str(bag), *arguments.split()]) == 2
+    said = capsys.readouterr()
+    assert message in said.err
+    assert not said.out
 
 
 @pytest.mark.parametrize("bag", ["tf_example", "tf_example.bag"])

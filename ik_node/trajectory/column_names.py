@@ -19,7 +19,7 @@ ROTATION_VECTOR_WORDS = ("rotvec", "rotationvector", "axisangle")
 ANGLES = ("roll", "pitch", "yaw")
 TIME_WORDS = ("time", "timestamp", "stamp", "timestamps", "received")
 """Last word of a time, after any root."""
-TIME_WORDS_ALONE = ("t", "ros", "log")
+TIME_WORDS_ALONE = ("t", "ts", "ros", "log", "elapsed", "epoch", "clock")
 """Time only without a root."""
 ROTATION_LIKE = (
     *("rot", "rotation", "ori", "orientation", "attitude", "quat", "quaternion", "euler", "rpy", "ypr", "angle"),
@@ -41,6 +41,8 @@ _UNITS = {
     **dict.fromkeys(("degree", "degrees", "°"), "deg"),
 }
 """Spelling -> unit."""
+_CLOCK_WORDS = [word for word, unit in _UNITS.items() if unit in TIME_UNITS and len(word) > 2]
+"""Units of time that are the whole name of a column of times."""
 _NO_UNIT = ("", "-", "1", "none", "unitless")
 _BRACKETS = re.compile(r"(?:[\[(<]\s*(?!\d+\s*[\])>])|\s+[\[(<]\s*)([^\])>]*?)\s*[\])>]$")
 _FRAMES = re.compile(r"^(p|q)_[A-Z]{1,2}(?:_[A-Z])?_([wxyz])$")
@@ -78,7 +80,7 @@ def parse_name(name: str) -> ColumnName:
     words = _WORDS.findall(_CAMEL_CASE.sub(" ", body).lower())
     if not bracket and len(words) > 1 and words[-1] in _UNITS:  # "time_ms", "x_mm"
         unit = words.pop()
-    elif words in (["sec"], ["secs"], ["nsec"], ["nsecs"], ["nanosec"]):
+    elif len(words) == 1 and words[0] in _CLOCK_WORDS:
         unit, words = words[0], ["stamp"]
     axis = ""
     numbers: list[str] = []

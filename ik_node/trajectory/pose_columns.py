@@ -249,7 +249,10 @@ def _rotation(table: PoseTable, columns: list[ColumnName], root: tuple[str, ...]
 
 def _unread(columns: list[ColumnName], root: tuple[str, ...]) -> list[str]:
     """Names of the columns that may be an orientation of the pose below a root."""
-    unread = [column.name for column in columns if column.root in ((), root) and is_rotation_like(column)]
+    found = [column for column in columns if column.root in ((), root) and is_rotation_like(column)]
+    numbered = [column.name for column in found if column.word == "q" and column.numbers]
+    joints = numbered if len(numbered) not in (3, 4) else []  # q1 to q7 are joint positions
+    unread = [column.name for column in found if column.name not in joints]
     letters = [column.name for column in columns if column.name.lower() in ("a", "b", "c")]
     return unread + (letters if len(letters) == 3 else [])
 

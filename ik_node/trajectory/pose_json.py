@@ -1,4 +1,4 @@
-"""Tables of poses in JSON: one object per line, a list of objects, or lists of numbers.
+"""Tables of poses in JSON: one object per line, a list of objects, an object of columns, or lists of numbers.
 
 Nested objects and lists become columns whose names are joined by dots: ``{"pose": {"position": {"x": 1}}}`` is the
 column ``pose.position.x``, ``{"p": [1, 2, 3]}`` are ``p.0``, ``p.1`` and ``p.2``.
@@ -60,11 +60,23 @@ def _records(path: Path, text: str) -> list[Any]:
     except (ValueError, RecursionError) as error:
         raise TrajectoryFileError(f"{path.name} is no JSON: {' '.join(str(error).split())}") from error
     if isinstance(content, dict):
-        lists = [value for value in content.values() if isinstance(value, list) and value and _is_record(value[0])]
-        content = lists[0] if len(lists) == 1 else [content]
+        content = _records_of_object(path, content)
     if not isinstance(content, list) or not content:
         raise TrajectoryFileError(f"{path.name} holds no samples")
     return content
+
+
+def _records_of_object(path: Path, content: dict[str, Any]) -> list[Any]:
+    """The only list of an object, the records of several lists of one length (columns), or the object itself."""
+    lists = {key: value for key, value in content.items() if isinstance(value, list) and len(value) > 1}
+    if len(lists) == 1:
+        only = next(iter(lists.values()))
+        return only if _is_record(only[0]) else [content]
+    lengths = {key: len(value) for key, value in lists.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"'{key}' {length}" for key, length in lengths.items())
+        raise TrajectoryFileError(f"{path.name} holds lists of different lengths: {said}")
+    return [dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)] or [content]
 
 
 def _line(number: int, line: str) -> Any:

@@ -191,7 +191,7 @@ def test_topic_echo(tmp_path: Path) -> None:
         "Time [s],TX,TY,TZ,QX,QY,QZ,QW",
         "time,posX,posY,posZ,quatX,quatY,quatZ,quatW",
         "elapsed_time,position_0,position_1,position_2,quat_xyzw_0,quat_xyzw_1,quat_xyzw_2,quat_xyzw_3",
-        "sec,tool.position.x,tool.position.y,tool.position.z,"
+        "seconds,tool.position.x,tool.position.y,tool.position.z,"
         "tool.rotation.x,tool.rotation.y,tool.rotation.z,tool.rotation.w",
     ],
 )
@@ -282,6 +282,24 @@ def test_quaternions_by_number_need_the_order(tmp_path: Path) -> None:
     assert_read(file, PoseFileFormat(order="wxyz"))
 
 
+def test_joints_beside_a_position_are_no_orientation(tmp_path: Path) -> None:
+    """Seven columns q1 to q7; four would be a quaternion of unknown order."""
+    names = ",".join(f"q{number}" for number in range(1, 8))
+    file = save_csv(tmp_path / "joints.csv", f"t,x,y,z,{names}", TIMES, POSITION, MATRICES_3X4[:, :7])
+    assert "orientation held" in load(file, None, np.eye(4)).describe()
+
+
+@pytest.mark.parametrize("names", ["sec,nanosec", "secs,nsecs", "seconds,nanoseconds", "stamp.sec,stamp.nanosec"])
+def test_seconds_and_nanoseconds_are_one_time(tmp_path: Path, names: str) -> None:
+    file = tmp_path / "s.csv"
+    rows = [
+        f"{stamp // 10**9},{stamp % 10**9}," + ",".join(repr(float(v)) for v in row)
+        for stamp, row in zip(STAMPS_NS.tolist(), np.column_stack((POSITION, XYZW)), strict=True)
+    ]
+    file.write_text("\n".join([f"{names},x,y,z,qx,qy,qz,qw", *rows]))
+    assert_read(file)
+
+
 def test_a_column_named_twice_is_refused(tmp_path: Path) -> None:
     assert_refused(save_csv(tmp_path / "d.csv", "t,x,y,z,x,y,z", TIMES, POSITION, POSITION), "several columns", "'x'")
     assert_refused(save_csv(tmp_path / "u.csv", "t,x_m,x_mm,y,z", TIMES, POSITION[:, :1], POSITION), "'x_mm'")
@@ -321,6 +339,16 @@ def test_json_lines_and_lists(tmp_path: Path, kind: str) -> None:
     inner.write_text(json.dumps({"camera": "none", "frames": records(kind)}))
     for file in (lines, whole, inner):
         assert_read(file)
+
+
+def test_json_of_columns(tmp_path: Path) -> None:
+    """Lists of one length are columns: none is left out."""
+    file = tmp_path / "columns.json"
+    columns = {"t": TIMES.tolist(), "p": POSITION.tolist(), "quat_xyzw": XYZW.tolist()}
+    file.write_text(json.dumps({"robot": "none", **columns}))
+    assert_read(file)
+    file.write_text(json.dumps({**columns, "t": TIMES[1:].tolist()}))
+    assert_refused(file, "lists of different lengths: 't' 23, 'p' 24")
 
 
 def test_json_of_numbers_is_read_as_an_array(tmp_path: Path) -> None:

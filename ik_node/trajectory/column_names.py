@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ik_node.trajectory.pose_file_format import ANGLE_UNITS, LENGTH_UNITS, ORDERS, TIME_UNITS
 
-POSITION_WORDS = ("", "t", "p", "pos", "position", "trans", "translation", "point", "xyz")
+POSITION_WORDS = ("", "t", "p", "pos", "position", "positions", "trans", "translation", "point", "xyz")
 """Words of a position; the empty one for ``x``, ``y``, ``z`` alone."""
 QUATERNION_WORDS = ("q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "xyzw", "wxyz")
 """Words of four numbered columns of a quaternion."""

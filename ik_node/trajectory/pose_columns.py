@@ -194,7 +194,7 @@ def _positions(table: PoseTable, columns: list[ColumnName]) -> dict[tuple[str, .
             position = tuple(axes[axis] for axis in "xyz" if axis in axes)
         elif word in POSITION_WORDS and len(numbers) == 3:
             position = tuple(numbers)
-        elif word == "pose" and len(numbers) == 7:
+        elif word in ("pose", "poses") and len(numbers) == 7:
             found[own] = PoseColumns(tuple(numbers[:3]), tuple(numbers[3:]), QUATERNION)
         elif len(numbers) in (12, 16):
             found[own] = _from_matrix(table, PoseColumns((), tuple(numbers), MATRIX))

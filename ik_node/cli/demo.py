@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
     code = UNUSABLE
     try:
-        options_of_run = _checked(options)
+        options_of_run = checked_options(options)
         # Imported after the environment is set: the middleware reads it when it is loaded.
         from ik_node.ros.demo.demo import Demonstration
 
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
 
 
-def _checked(options: argparse.Namespace) -> DemoOptions:
+def checked_options(options: argparse.Namespace) -> DemoOptions:
     """Return the options of the run; raises an IkNodeError for one that is invalid, given twice or without effect."""
     from ik_node.ros.demo.options import DemoOptions, checked_overrides
 

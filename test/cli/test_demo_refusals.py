@@ -10,6 +10,7 @@ from support import PROJECT, shared_path
 
 from ik_node.cli import demo, export, replay, report, view
 from ik_node.recording.run_reader import load_run
+from ik_node.ros.demo.options import CheckedRun
 
 POSES = "t,x,y,z,qx,qy,qz,qw\n0.0,0.4,0.1,0.3,0,0,0,1\n0.1,0.4,0.2,0.3,0,0,0,1\n"
 
@@ -163,3 +164,23 @@ def test_a_bag_of_another_program_is_named_alike_by_all(bag: str, capsys: pytest
         assert len(said.splitlines()) == 1
         assert "/tf (tf2_msgs/msg/TFMessage, 517)" in said
         assert main is replay.main or "holds no run of ik_node" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "robot", "rate_hz"),
+    [
+        ((), "panda", 500.0),
+        (("--config", "ur5.yaml"), "ur5", 500.0),
+        (("--robot", "ur5", "--rate", "250"), "ur5", 250.0),
+        (("--robot", "pr2"), "pr2", 500.0),
+        (("--set", "robot=ur5"), "ur5", 500.0),
+    ],
+)
+def test_the_robot_is_that_of_the_arguments(arguments: tuple[str, ...], robot: str, rate_hz: float) -> None:
+    """Without --robot the robot is that of the parameter file, which was overridden by the default before."""
+    given = [str(PROJECT / "config" / each) if each.endswith(".yaml") else each for each in arguments]
+    run = CheckedRun(demo.checked_options(demo.parser().parse_args(given)))
+    assert run.settings.arm.robot == run.robot_name == robot
+    assert run.settings.control.rate_hz == rate_hz
+    assert run.out.name.startswith(f"ik_demo_{robot}_")
+    assert (run.start is None) == (robot in ("panda", "ur5")), "chosen where none is configured"

@@ -28,6 +28,7 @@ from ik_node.recording.run_reader import load_run
 from ik_node.report import GROUND_TRUTH_FILE
 from ik_node.report.ground_truth import GroundTruth, Poses, read_ground_truth
 from ik_node.report.tracking import measured_poses
+from ik_node.trajectory.pose_file import read
 from ik_node.trajectory.pose_file_format import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
 
@@ -93,7 +94,7 @@ def tracked(sent: Sent, out: Path, seconds: float) -> tuple[FollowerResult, floa
     """
     command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--robot", "panda", "--out", str(out)]
     command += ["--trajectory", str(sent.file), *_arguments(sent.how)]
-    if seconds:
+    if seconds and seconds < read(sent.file, sent.how).times_s[-1]:
         command += ["--end", str(seconds)]
     if sent.rate_hz is not None:
         command += ["--target-rate", str(sent.rate_hz)]

@@ -6,25 +6,34 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ik_node import resources
-from ik_node.cli.entry import UNUSABLE, command_line
-from ik_node.cli.pose_file_options import add_options, format_from
-from ik_node.errors import IkNodeError, SceneError, SettingsError, TrajectoryFileError
+from ik_node.cli.entry import command_line
+from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
+from ik_node.errors import IkNodeError, SettingsError
 from ik_node.settings.groups import METHOD_NAMES
 
-FILE_ERRORS = (SceneError, SettingsError, TrajectoryFileError)
-"""Of the files and options that are given."""
+if TYPE_CHECKING:
+    from ik_node.ros.demo.options import DemoOptions
+
+FAILED, UNUSABLE = 1, 2
+MAX_TARGET_RATE_HZ = 2000.0
+"""Highest rate of target poses: that of control steps."""
 SHAPES = ("figure_of_eight", "circle", "line", "hold")
 """Keys of :data:`ik_node.trajectory.shapes.SHAPES`, which would load NumPy and numba; a test compares them."""
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    result = argparse.ArgumentParser(prog="ik_demo", description=__doc__)
-    result.add_argument("--robot", default="panda", help="name in example-robot-data [%(default)s]")
+    result = argparse.ArgumentParser(
+        prog="ik_demo",
+        description=__doc__,
+        epilog="Exit code 0: done; 1: a process failed; 2: an argument or file cannot be used, nothing was started; "
+        "130: ended by Ctrl-C.",
+    )
+    result.add_argument("--robot", help="name in example-robot-data [that of --config, else panda]")
     result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml]")
     result.add_argument("--method", choices=METHOD_NAMES, help="method that resolves redundancy [as configured]")
     result.add_argument(
@@ -46,49 +55,55 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demonstration; return 0, 130 after Ctrl-C, 1 when it cannot run, 2 for an invalid option or file."""
+    """Run the demonstration; the exit code is that of --help."""
     options = parser().parse_args(arguments)
-    from ik_node.settings.parameter_file import parse_assignment
-
-    for assignment in options.set:
-        try:
-            parse_assignment(assignment)
-        except IkNodeError as error:
-            print(f"error: --set {assignment}: {error}", file=sys.stderr)
-            return UNUSABLE
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
+    code = UNUSABLE
     try:
+        options_of_run = checked_options(options)
         # Imported after the environment is set: the middleware reads it when it is loaded.
-        import numpy as np
+        from ik_node.ros.demo.demo import Demonstration
 
-        from ik_node.collision.scene import read_scene
-        from ik_node.ros.demo.demo import Demonstration, DemoOptions
-
-        overrides = [value.replace("=", ":=", 1) for value in options.set]
-        if options.scene is not None:
-            read_scene(options.scene, lambda frame: np.eye(4))  # the node resolves the frames
-            overrides.append(f"obstacles.scene:={options.scene.resolve()}")
-        if options.method:
-            overrides.append(f"method:={options.method}")
-        demonstration = Demonstration(
-            DemoOptions(
-                robot=options.robot,
-                config=options.config,
-                trajectory=options.trajectory,
-                file_format=format_from(options),
-                target_rate_hz=options.target_rate,
-                rate_hz=options.rate,
-                overrides=tuple(overrides),
-                out=options.out or Path(f"ik_demo_{options.robot}_{datetime.now():%Y%m%d-%H%M%S}"),
-                show=not options.headless,
-            )
-        )
+        demonstration = Demonstration(options_of_run)
+        code = FAILED
         return demonstration.run()
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
-        return UNUSABLE if isinstance(error, FILE_ERRORS) else 1
+        return code
+
+
+def checked_options(options: argparse.Namespace) -> DemoOptions:
+    """Return the options of the run; raises an IkNodeError for one that is invalid, given twice or without effect."""
+    from ik_node.ros.demo.options import DemoOptions, checked_overrides
+
+    assignments = list(options.set)
+    for name, flag, value in (
+        ("method", "--method", options.method),
+        ("rate_hz", "--rate", options.rate),
+        ("obstacles.scene", "--scene", options.scene and options.scene.resolve()),
+        ("robot", "--robot", options.robot),
+    ):
+        if value is not None:
+            double = [each for each in options.set if each.partition("=")[0] == name]
+            if double:
+                raise SettingsError(f"{flag} and --set {double[0]} set the same; expected one of them")
+            assignments.append(f"{name}={value}")
+    file_format = format_from(options)
+    if options.trajectory in SHAPES:
+        refuse_given(file_format, f"'{options.trajectory}' is no file of poses")
+    if options.target_rate is not None and not 0.0 < options.target_rate <= MAX_TARGET_RATE_HZ:
+        raise SettingsError(f"--target-rate is {options.target_rate:g}; valid: above 0 to {MAX_TARGET_RATE_HZ:g} Hz")
+    return DemoOptions(
+        config=options.config,
+        overrides=checked_overrides(assignments),
+        trajectory=options.trajectory,
+        file_format=file_format,
+        target_rate_hz=options.target_rate,
+        out=options.out,
+        show=not options.headless,
+    )
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
     about = "also compare the commands on the recorded joint states, without a simulated arm"
     what_if.add_argument("--open-loop", action="store_true", help=about)
     what_if.add_argument("--out", type=Path, help="new folder for recordings of the simulated runs")
-    what_if.add_argument("--jobs", type=int, default=os.cpu_count(), help="number of simultaneous runs [%(default)s]")
+    what_if.add_argument("--jobs", type=int, help=f"number of simultaneous runs [{os.cpu_count()}]")
     external = result.add_argument_group("external bags: rosbag2 (sqlite3, MCAP), rosbag1")
     external.add_argument("--robot", default="", help="name in example-robot-data [robot_description in the bag]")
     external.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml where there is one]")
@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
     external.add_argument("--start", nargs="+", type=float, default=[], metavar="Q", help=about)
     ros = result.add_argument_group("replay to a running node")
     ros.add_argument("--ros", action="store_true", help="publish the recorded inputs at their recorded times instead")
-    ros.add_argument("--to", default="/ik_node", help="full name of that node [%(default)s]")
+    ros.add_argument("--to", help="full name of that node [/ik_node]")
     ros.add_argument("--input", action="append", default=[], help="publish this input only; may be repeated")
     return result
 
@@ -67,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     external = bool(options.robot or options.config or options.remap or options.start)
     try:
+        _refuse_without_effect(options, external)
         opened = _external_bag(options) if external else _own_bag(options)
         if options.ros:
             return _publish(opened, options)
@@ -76,6 +77,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE
+
+
+def _refuse_without_effect(options: argparse.Namespace, external: bool) -> None:
+    """Raise SettingsError for options that this call would ignore."""
+    simulates = not options.ros and bool(external or options.method or options.set)
+    for names, has_effect, reason in (
+        (("to", "input"), options.ros, "without --ros"),
+        (("method", "set"), not options.ros, "with --ros"),
+        (("open_loop",), simulates and not external, "without --method or --set, and for a bag of another program"),
+        (("out", "jobs"), simulates, "without --method, --set or a bag of another program"),
+        (("node",), not external, "for a bag of another program"),
+    ):
+        given = ["--" + name.replace("_", "-") for name in names if getattr(options, name)]
+        if given and not has_effect:
+            raise SettingsError(f"{', '.join(given)}: no effect {reason}")
 
 
 def _bitwise(options: argparse.Namespace) -> int:
@@ -117,7 +133,7 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
     else:
         truth = ground_truth_of(options.bag, options.node)
     begin = time.perf_counter()
-    found = compare(opened, wanted, truth, max(1, options.jobs or 1))
+    found = compare(opened, wanted, truth, max(1, options.jobs or os.cpu_count() or 1))
     took_s = time.perf_counter() - begin
     commands = []
     if options.open_loop and not external:
@@ -203,7 +219,7 @@ def _publish(opened: SourceFactory, options: argparse.Namespace) -> int:
     # The other tasks need no ROS.
     from ik_node.ros.bag_player import play
 
-    counts = play(opened(), options.to, options.input)
+    counts = play(opened(), options.to or "/ik_node", options.input)
     print(json.dumps(counts) if options.json else "published " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     return 0
 

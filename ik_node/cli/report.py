@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ik_node.cli.entry import command_line
+from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
 from ik_node.errors import IkNodeError
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="Exit code 0: reported; 2: a recording cannot be read, or a file cannot be written.",
     )
     result.add_argument("bag", type=Path, nargs="+", help="folder of a recording, or its MCAP file; several: overlaid")
-    about = "file of the intended motion of the tool [trajectory.csv beside each recording, else the recorded targets]"
+    about = "file of the intended motion of the tool, with times in ROS time: as for ik_demo, or a bag"
+    about += " [trajectory.csv beside each recording, else the recorded targets]"
     result.add_argument("--truth", type=Path, help=about)
     result.add_argument("--json", action="store_true", help="print the figures for machines; several: a list")
     kinds = result.add_argument_group("pictures", "into report_<names>.<kind> in this folder, or where --out says")
@@ -37,6 +39,7 @@ def parser() -> argparse.ArgumentParser:
     about = "one file for the browser, with tables, timeline, parameters and versions"
     kinds.add_argument("--html", action="append_const", dest="kinds", const="html", help=about)
     kinds.add_argument("--out", type=Path, help="PNG, PDF, HTML or SVG (the first page) file; an old one is replaced")
+    add_options(result.add_argument_group("file of --truth"), motion=False)
     return result
 
 
@@ -48,7 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ik_node.report.reported_run import read_reported_runs
 
     try:
-        reported_runs = read_reported_runs(options.bag, options.truth)
+        truth_format = format_from(options, motion=False)
+        if options.truth is None:
+            refuse_given(truth_format, "without --truth")
+        reported_runs = read_reported_runs(options.bag, options.truth, truth_format)
         for path in _files(reported_runs, options.kinds or [], options.out):
             write_report(reported_runs, path)
             print(path, file=sys.stderr)  # stdout holds the report

@@ -24,7 +24,8 @@ parameters (read at the start):
   base_frame, tip_frame, joint_prefix
                         as for ik_node
   rate_hz               rate of the joint states, Hz [500]
-  initial_position      joint positions at the start, rad (m) [zeros]
+  initial_position      joint positions at the start, rad (m) [chosen: not singular,
+                        away from joint limits and collisions; the log lists them]
   lag_s                 time constant of the joints' first-order lag, s [0]
   delay_s               time between a command and the start of its effect, s [0]
   encoder_noise         standard deviation of the measured positions, rad (m) [0]

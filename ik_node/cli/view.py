@@ -15,6 +15,7 @@ from typing import Any
 from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 
+UNUSABLE = 2
 PERIOD_S = 1.0 / 30.0
 LOCAL = "127.0.0.1"
 
@@ -38,11 +39,11 @@ def parser() -> argparse.ArgumentParser:
 
 @command_line
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve the page until Ctrl-C or SIGTERM, then return 0; 1 when there is nothing to show."""
+    """Serve the page until Ctrl-C or SIGTERM, then return 0; 2 when there is nothing to show."""
     options = parser().parse_args(arguments)
     if (options.bag is None) != options.live:
         print("error: expected a recording, or --live for a running node", file=sys.stderr)
-        return 2
+        return UNUSABLE
     for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: a background job of a shell starts with it ignored
         signal.signal(number, _interrupt)
     try:
@@ -52,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _view_bag(options)
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return UNUSABLE
     except KeyboardInterrupt:
         pass
     return 0

@@ -36,7 +36,8 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, TargetSource, check_distance, twist_frame
+from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, TargetSource, check_distance
+from ik_node.targets.jog import twist_frame
 
 MAX_AGE_NS = round(MAX_STAMP_AGE_S * NS)
 MAX_AHEAD_NS = NS // 2
@@ -336,10 +337,9 @@ class Controller:
 
     def _report(self, now: Instant, output: ControlOutput) -> None:
         self._status.note("limits")
-        conditions = self._velocity_controller.conditions(output)
+        conditions = [*self._velocity_controller.conditions(output), *self._targets.warnings]
         conditions += [text for text in (self._timer.warning, self._joint_states.skew_warning) if text]
-        conditions.extend(self._targets.warnings)
-        self._status.note(REACH, self._targets.out_of_reach)
+        self._status.note(REACH, self._targets.target_note)
         self._status.set_conditions(conditions, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))

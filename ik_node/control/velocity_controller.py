@@ -180,6 +180,11 @@ class VelocityController:
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
             solution = self.solver.solve_velocity(arm, velocity)
+            if solution.task_scale < 1.0:
+                # One joint at its limit would slow the whole arm. Its twist is resolved within the limits instead, and
+                # the next theta_d is the one nearest to the measured position, so that this joint does not fall behind.
+                solution = self.solver.solve_twist(arm, self._robot.evaluate(q_middle).jacobian_b @ velocity)
+                self._ik.solution = None
         else:
             self._ik.solution = None
             if not self._integral.idle(control):

@@ -19,7 +19,7 @@ from ik_node.messages.step_codec import STEP_TYPE, Call, CallKind, StepDecoder, 
 from ik_node.recording.input_table import INPUTS, TEXT_CALLS
 from ik_node.recording.json_codec import from_json
 from ik_node.recording.mcap.metadata import DROPPED, REPAIRED
-from ik_node.recording.mcap.reader import RecordedMessage, Recording
+from ik_node.recording.mcap.reader import RecordedMessage, Recording, Topic
 from ik_node.recording.run_recorder import (
     CALL_TEXTS,
     CALLS,
@@ -107,11 +107,10 @@ class RecordedCalls:
             RecordingError: There is no recording, it is damaged, or it holds no run of that node; the message lists
                 what it does hold.
         """
-        self.recording = Recording(Path(path))
+        self.recording, name = open_recording(Path(path), node)
         self.path = Path(path)
         self.steps = StepDecoder()
         """Decodes the Steps of calls that :meth:`entries` has returned."""
-        name = find_node(self.recording, node)
         own = (SETUP, PARAMETERS, SNAPSHOT, CALLS, CALL_TEXTS, STEP, STEP_TEXTS)
         self._roles = {f"{name}/{role}": role for role in own} | {ROBOT_DESCRIPTION: ROBOT_DESCRIPTION}
         self.head = self._read_head(name)
@@ -230,6 +229,36 @@ def decode_snapshot(text: str, kind: type[T]) -> T:
     return snapshot
 
 
+def open_recording(path: Path, node: str = "") -> tuple[Recording, str]:
+    """Opens a recording, and finds the node.
+
+    Args:
+        path: Folder, or one of its files.
+        node: Full name of the node; default: the only recorded one.
+
+    Raises:
+        RecordingError: As :func:`find_node`; or there is no recording, or it is a bag of another program.
+    """
+    try:
+        recording = Recording(path)
+    except RecordingError as error:
+        if held := _topics_of_other_bag(path):
+            raise _no_run(path, held) from error
+        raise
+    return recording, find_node(recording, node)
+
+
+def _topics_of_other_bag(path: Path) -> str:
+    """The topics of a bag without a run; empty for anything else."""
+    try:
+        from ik_node.recording.bag_reader import BagReader
+
+        counts = BagReader(path).counts
+    except (RecordingError, ImportError):  # no bag, or rosbags is not installed
+        return ""
+    return "" if any(topic.name.endswith(f"/{STEP}") for topic in counts) else content_text(counts)
+
+
 def find_node(recording: Recording, node: str = "") -> str:
     """The full name of ``node``, or of the only recorded one by default; raises RecordingError listing the nodes."""
     counts = recording.counts()
@@ -241,13 +270,16 @@ def find_node(recording: Recording, node: str = "") -> str:
     if nodes:
         which = f"no run of node '{node}'" if node else "several runs; name a node"
         raise RecordingError(f"'{recording.path}' holds {which}; valid: {', '.join(sorted(nodes))}")
-    raise RecordingError(f"'{recording.path}' holds no run of ik_node; it holds: {content_text(recording)}")
+    raise _no_run(recording.path, content_text(recording.counts()))
 
 
-def content_text(recording: Recording) -> str:
+def _no_run(path: Path, held: str) -> RecordingError:
+    return RecordingError(f"'{path}' holds no run of ik_node; it holds: {held}")
+
+
+def content_text(counts: Mapping[Topic, int]) -> str:
     """Topics with types and counts, for error messages."""
-    counts = recording.counts().items()
-    return ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts) or "nothing"
+    return ", ".join(f"{topic.name} ({topic.type_name}, {count})" for topic, count in counts.items()) or "nothing"
 
 
 class _SetupTypes(NamedTuple):

@@ -91,7 +91,8 @@ def _typed(value: Any, kind: Any) -> Any:
     if origin is not None and issubclass(origin, Mapping):
         return {key: _typed(entry, arguments[1]) for key, entry in value.items()}
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-        return kind(**{name: _typed(value[name], entry_kind) for name, entry_kind in _fields(kind).items()})
+        # A field that an earlier version did not have is left at its default; without one, the call raises TypeError.
+        return kind(**{name: _typed(value[name], entry) for name, entry in _fields(kind).items() if name in value})
     if kind in (bool, int, str) and type(value) is not kind:
         raise ValueError(f"{value!r} is no {kind.__name__}")
     return kind(value)

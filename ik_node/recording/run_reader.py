@@ -26,7 +26,7 @@ from ik_node.messages.step_codec import (
     read_layout,
     shapes,
 )
-from ik_node.recording.call_log import find_node, read_setup
+from ik_node.recording.call_log import open_recording, read_setup
 from ik_node.recording.input_table import TARGET_POSE
 from ik_node.recording.mcap.file import MAX_TIME_NS
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
@@ -67,8 +67,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
         RecordingError: There is no recording, it is damaged, or it contains no run of that node; the message lists what
             it contains.
     """
-    recording = Recording(Path(path))
-    name = find_node(recording, node)
+    recording, name = open_recording(Path(path), node)
     messages = _collect(recording, name)
     if not messages.steps:
         raise RecordingError(f"'{path}' contains no control step of node '{name}'")

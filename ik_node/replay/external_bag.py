@@ -19,12 +19,12 @@ from ik_node.messages.decode import decode_joint_state, decode_string
 from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.encode import encode_joint_state
 from ik_node.messages.step_codec import Call, CallKind
+from ik_node.recording.bag_reader import BagReader
 from ik_node.recording.call_log import RecordedCall
 from ik_node.recording.input_table import INPUTS, JOINT_STATES
 from ik_node.recording.mcap.reader import Topic
 from ik_node.recording.run import RecordedTargets
 from ik_node.recording.run_recorder import STEP
-from ik_node.replay.bag_reader import BagReader
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings

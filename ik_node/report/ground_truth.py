@@ -9,12 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.errors import InputError, RecordingError
+from ik_node.errors import InputError, RecordingError, TrajectoryFileError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.run import RecordedTargets
+from ik_node.trajectory.pose_file_format import PoseFileFormat
+from ik_node.trajectory.pose_reader import read_poses
 
 GROUND_TRUTH_FILE = "trajectory.csv"
 """File name of the ground truth in the folder of a run."""
@@ -130,22 +132,29 @@ def write_ground_truth(path: str | Path, trajectory: Trajectory | GroundTruth, s
     return truth
 
 
-def read_ground_truth(path: str | Path) -> GroundTruth:
-    """Reads a file of :func:`write_ground_truth`; raises RecordingError when it is missing or has another format."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"the trajectory cannot be read: {error}") from error
-    if not lines or lines[0].strip() != HEADER:
-        raise RecordingError(f"{path} is no ground truth: its first line is not {HEADER}")
-    try:
-        rows = [line.split(",") for line in lines[1:] if line.strip()]
-        stamps = np.array([int(row[0]) for row in rows], dtype=np.int64)
-        numbers = np.array([[float(text) for text in row[1:]] for row in rows], dtype=np.float64).reshape(-1, 7)
-        quaternions = numbers[:, 3:] / np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
-        return GroundTruth(stamps, numbers[:, :3], _continuous(quaternions))
-    except (ValueError, IndexError) as error:
-        raise RecordingError(f"{path} is no ground truth: {error}") from error
+def read_ground_truth(path: str | Path, file_format: PoseFileFormat | None = None) -> GroundTruth:
+    """Reads a ground truth.
+
+    Args:
+        path: A file of :func:`write_ground_truth`, or any file of poses with times in ROS time.
+        file_format: Format of the file; default: detected.
+
+    Raises:
+        TrajectoryFileError: The file cannot be read as poses, or has no times, no orientation or no z.
+        RecordingError: The file is a bag that cannot be read.
+    """
+    own = Path(path).name == GROUND_TRUTH_FILE and not (file_format and file_format.given())
+    samples = read_poses(path, PoseFileFormat(units="m") if own else file_format)
+    if samples.stamps_ns is None or samples.rotation is None or samples.position.shape[1] != 3:
+        parts = (
+            ("time", samples.stamps_ns is None),
+            ("orientation", samples.rotation is None),
+            ("z", samples.position.shape[1] != 3),
+        )
+        missing = " and no ".join(name for name, is_missing in parts if is_missing)
+        raise TrajectoryFileError(f"{path} is no ground truth: it holds no {missing}")
+    quaternions = np.array([se3.quaternion_from_rotation(rotation) for rotation in samples.rotation])
+    return GroundTruth(samples.stamps_ns, samples.position, _continuous(quaternions), Path(path).stem)
 
 
 def rotation_angle(first: Array, second: Array) -> Array:

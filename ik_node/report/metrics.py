@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.interfaces.step import FASTER
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
@@ -93,6 +94,14 @@ class StatePeriod(NamedTuple):
     duration_s: float
 
 
+class TooFastTarget(NamedTuple):
+    """Streams faster than the reference may be, as the status said."""
+
+    duration_s: float
+    text: str
+    """The text with the highest speed; empty for none."""
+
+
 class RunMetrics(NamedTuple):
     """All metrics of one run; the field names are the keys of the JSON report."""
 
@@ -116,6 +125,7 @@ class RunMetrics(NamedTuple):
     targets: int
     """Number of received target poses."""
     target_rate_hz: float
+    target_too_fast: TooFastTarget
     dropped: int
     """Messages that the recorder dropped."""
     complete: bool
@@ -158,6 +168,7 @@ def compute_metrics(
         periods=_periods(run, durations_s),
         targets=len(run.targets.times_s),
         target_rate_hz=_rate(run.targets.times_s),
+        target_too_fast=_too_fast(run, durations_s),
         dropped=run.dropped,
         complete=run.complete,
         series=series,
@@ -270,6 +281,17 @@ def _periods(run: Run, durations_s: Array) -> tuple[StatePeriod, ...]:
         times[key] = times.get(key, 0.0) + duration
     longest = sorted(times.items(), key=lambda item: (-item[1], item[0]))
     return tuple(StatePeriod(mode, reason, duration) for (mode, reason), duration in longest)
+
+
+def _too_fast(run: Run, durations_s: Array) -> TooFastTarget:
+    total_s, texts = 0.0, set()
+    for status, duration in zip(run.status, durations_s.tolist(), strict=True):
+        found = [text for text in status.reason.split("; ") if FASTER in text]
+        total_s += duration if found else 0.0
+        texts.update(found)
+    return TooFastTarget(
+        total_s, max(texts, key=lambda text: [float(n) for n in re.findall(r"at ([\d.]+)", text)], default="")
+    )
 
 
 def _rms(values: Array) -> float:

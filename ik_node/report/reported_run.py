@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.errors import IkNodeError, RecordingError
+from ik_node.errors import IkNodeError, RecordingError, TrajectoryFileError
+from ik_node.interfaces.clock import NS
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
@@ -17,6 +18,7 @@ from ik_node.report.ground_truth import GROUND_TRUTH_FILE, GroundTruth, read_gro
 from ik_node.report.metrics import RunMetrics, compute_metrics
 from ik_node.report.style import RUN_COLOURS
 from ik_node.report.text import title
+from ik_node.trajectory.pose_file_format import PoseFileFormat
 
 USUAL_NAME = "bag"
 """Folder name of every recording of ``ik_demo``; the parent's name is more specific."""
@@ -50,7 +52,9 @@ def report_run(run: Run, metrics: RunMetrics) -> ReportedRun:
     return ReportedRun(title(metrics), run, metrics, RUN_COLOURS[0])
 
 
-def read_reported_runs(bags: Sequence[Path], truth: Path | None = None) -> tuple[ReportedRun, ...]:
+def read_reported_runs(
+    bags: Sequence[Path], truth: Path | None = None, truth_format: PoseFileFormat | None = None
+) -> tuple[ReportedRun, ...]:
     """Reads recordings and computes their metrics.
 
     If all of several recordings have targets, their time axes are aligned at the first target of each.
@@ -58,15 +62,19 @@ def read_reported_runs(bags: Sequence[Path], truth: Path | None = None) -> tuple
     Args:
         bags: Folders or MCAP files of recordings.
         truth: Ground truth of all; otherwise the file beside each recording, or else its targets.
+        truth_format: Format of ``truth``; default: detected.
 
     Raises:
         IkNodeError: A recording, robot or ground truth cannot be read; the message names the recording.
     """
     read = []
+    given = None if truth is None else read_ground_truth(truth, truth_format)
     for bag in bags:
         try:
             run = load_run(bag)
-            read.append((run, compute_metrics(run, _truth(bag, truth))))
+            if given is not None:
+                _check_overlap(given, run, bag)
+            read.append((run, compute_metrics(run, given or _stored_truth(bag))))
         except IkNodeError as error:
             raise error if str(bag) in str(error) else RecordingError(f"'{bag}': {error}") from error
     aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _ in read)
@@ -158,10 +166,21 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else np.nan
 
 
-def _truth(bag: Path, given: Path | None) -> GroundTruth | None:
-    """The given ground truth, or that beside the recording's folder; None if there is none."""
-    if given is not None:
-        return read_ground_truth(given)
+def _stored_truth(bag: Path) -> GroundTruth | None:
+    """The ground truth beside the recording's folder; None if there is none."""
     place = bag.resolve()
     beside = (place if place.is_dir() else place.parent).parent / GROUND_TRUTH_FILE
     return read_ground_truth(beside) if beside.is_file() else None
+
+
+def _check_overlap(truth: GroundTruth, run: Run, bag: Path) -> None:
+    """Raise TrajectoryFileError when a ground truth and a recording have no time in common."""
+    if not len(run.ros_ns):
+        return
+    spans = [(int(stamps[0]) / NS, int(stamps[-1]) / NS) for stamps in (truth.ros_ns, run.ros_ns)]
+    (begin, end), (run_begin, run_end) = spans
+    if end < run_begin or run_end < begin:
+        raise TrajectoryFileError(
+            f"the times of '{truth.source}', {begin:.3f} to {end:.3f} s, are not those of '{bag}', {run_begin:.3f} to "
+            f"{run_end:.3f} s; expected ROS time"
+        )

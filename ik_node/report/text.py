@@ -15,7 +15,7 @@ MAX_BINDING = 2
 
 
 def as_text(metrics: RunMetrics) -> str:
-    """At most 24 lines of at most 80 characters, without a trailing newline."""
+    """At most 25 lines of at most 80 characters, without a trailing newline."""
     ticks, speed = metrics.ticks, metrics.speed
     lines = [title(metrics)]
     if metrics.tracking is None:
@@ -30,6 +30,10 @@ def as_text(metrics: RunMetrics) -> str:
     )
     rate = "" if math.isnan(metrics.target_rate_hz) else f" at {metrics.target_rate_hz:.1f} Hz"
     lines.append(f"targets      {metrics.targets} poses{rate}")
+    if too_fast := metrics.target_too_fast.text:
+        lines.append(
+            f"too fast     {metrics.target_too_fast.duration_s:7.2f} s  {too_fast.removeprefix('the target ')}"
+        )
     lines.append(
         f"top speed    {speed.joint or 'no joint'} at {100.0 * speed.part_of_limit:.1f} % of its limit "
         f"({speed.time_s:.2f} s)"

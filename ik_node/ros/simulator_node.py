@@ -12,6 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
+from ik_node.control.start_posture import choose_start_posture
 from ik_node.errors import InputError, SettingsError
 from ik_node.messages import decode, encode
 from ik_node.robot.catalogue import robot_from_settings
@@ -34,7 +35,7 @@ def _parameters() -> Iterator[Descriptor]:
             yield about._replace(read_only=True, default=ROBOT if about.name == "robot" else about.default)
     number = Descriptor("rate_hz", 500.0, "Rate of the joint states.", "Hz", 1.0, 10_000.0, (), True, float, 0)
     yield number
-    start = "Joint positions at the start; zeros without values."
+    start = "Joint positions at the start; without values they are chosen."
     yield number._replace(
         name="initial_position", default=(), description=start, unit="rad or m", minimum=None, maximum=None
     )
@@ -63,8 +64,12 @@ class SimulatorNode(Node):  # type: ignore[misc]
         super().__init__("ik_simulator")
         values = parameters.declare_all(self, PARAMETERS, arguments)
         robot = robot_from_settings(ArmSettings(**{name: values[name] for name in ARM_NAMES}))
-        start = values["initial_position"]
-        position = np.array(start, dtype=np.float64) if start else np.zeros(robot.n)
+        if values["initial_position"]:
+            position = np.array(values["initial_position"], dtype=np.float64)
+        else:
+            chosen = choose_start_posture(robot)
+            position = chosen.position
+            self.get_logger().info(chosen.describe(robot.joints))
         if position.shape != (robot.n,):
             raise SettingsError(f"initial_position has {position.size} values, expected {robot.n}: {robot.joints}")
         self._joints = robot.joints

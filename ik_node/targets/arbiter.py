@@ -26,7 +26,6 @@ from ik_node.interfaces.samples import FARTHEST_M, PathSample, TrajectorySample,
 from ik_node.math.numerics import checked_vector
 from ik_node.math.quaternion import from_matrix
 from ik_node.math.types import Array
-from ik_node.robot.frames import Frames
 from ik_node.robot.reach import reach_of
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
@@ -322,6 +321,12 @@ class TargetArbiter:
         return f"following {name}"
 
     @property
+    def target_note(self) -> str:
+        """What makes the active target unreachable for the tool, in place or in time; empty for nothing."""
+        too_fast = self._stream.too_fast if self._source is TargetSource.POSE else ""
+        return "; ".join(filter(None, (self.out_of_reach, too_fast)))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user."""
         if self._source is TargetSource.POSE and not self._warning and len(self._changes_ns) < SOURCE_CHANGES:
@@ -371,26 +376,6 @@ def check_distance(pose_sd: Array) -> None:
     """Raises TargetRefused when a pose (4, 4) is further than FARTHEST_M from {s}, as poses of paths are refused."""
     if not np.abs(pose_sd[:3, 3]).max() <= FARTHEST_M:
         raise TargetRefused(f"target is more than {FARTHEST_M:g} m away")
-
-
-def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:
-    """The present axes of a frame, for jogging.
-
-    Args:
-        robot: The robot.
-        frames: Known frames with their poses.
-        frame: Name of the frame.
-
-    Returns:
-        Axes relative to the tool if the frame moves with it, else to {s}.
-
-    Raises:
-        InputError: The frame is unknown; the message lists the known ones.
-    """
-    rotation = frames.pose(frame)[:3, :3]
-    if frame in robot.frames and robot.moves_with_tool(frame) and frames.position is not None:
-        return TwistFrame(robot.pose(frames.position)[:3, :3].T @ rotation, True)
-    return TwistFrame(rotation, False)
 
 
 def _resting(pose_sd: Array) -> RigidMotion:

@@ -35,6 +35,8 @@ from ik_node.math.quaternion import (
     to_rotation_vector,
 )
 from ik_node.math.types import Array
+from ik_node.robot.frames import Frames
+from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.targets.bounds import JOG, motion_bounds
 from ik_node.targets.jerk_limited_filter import (
@@ -322,3 +324,23 @@ def _without_excess_lead(velocity: Vector, lead: Vector, lead_limit: float) -> V
         return velocity
     factor = min(size / lead_limit - 1.0, 1.0) * away / size
     return (velocity[0] - factor * x, velocity[1] - factor * y, velocity[2] - factor * z)
+
+
+def twist_frame(robot: Robot, frames: Frames, frame: str) -> TwistFrame:
+    """The present axes of a frame, for jogging.
+
+    Args:
+        robot: The robot.
+        frames: Known frames with their poses.
+        frame: Name of the frame.
+
+    Returns:
+        Axes relative to the tool if the frame moves with it, else to {s}.
+
+    Raises:
+        InputError: The frame is unknown; the message lists the known ones.
+    """
+    rotation = frames.pose(frame)[:3, :3]
+    if frame in robot.frames and robot.moves_with_tool(frame) and frames.position is not None:
+        return TwistFrame(robot.pose(frames.position)[:3, :3].T @ rotation, True)
+    return TwistFrame(rotation, False)

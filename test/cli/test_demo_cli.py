@@ -25,6 +25,6 @@ def test_set_is_checked_by_the_demonstration_itself(
     assert main(["--headless", "--out", str(out), "--set", assignment]) == 2
     output = capsys.readouterr()
     assert output.out == ""
-    assert output.err.startswith(f"error: --set {assignment}: {reason}")
+    assert output.err.startswith(f"error: {reason}")
     assert output.err.count("\n") == 1
     assert not out.exists()

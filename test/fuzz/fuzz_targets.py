@@ -61,6 +61,7 @@ from ik_node.messages.step_codec import (
     decode_texts,
     encode_call,
 )
+from ik_node.recording.bag_reader import BagReader
 from ik_node.recording.call_log import RecordedCall, RecordedCalls, decode_snapshot, read_setup
 from ik_node.recording.input_table import INPUTS
 from ik_node.recording.json_codec import to_json
@@ -70,7 +71,6 @@ from ik_node.recording.mcap.reader import Recording
 from ik_node.recording.mcap.repair import repair
 from ik_node.recording.mcap.writer import RecorderOptions
 from ik_node.recording.run_reader import load_run
-from ik_node.replay.bag_reader import BagReader
 from ik_node.replay.call_source import RecordingSource, argument_of
 from ik_node.replay.external_bag import ExternalBag
 from ik_node.robot.description import read_description

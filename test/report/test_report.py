@@ -6,6 +6,7 @@ The run is made by the controller and the simulated arm in one process and read 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,14 @@ from loop import make_robot
 from recorded_loop import finish, recorded_loop
 
 from ik_node.cli import report as command
-from ik_node.errors import RecordingError
+from ik_node.errors import RecordingError, TrajectoryFileError
 from ik_node.interfaces.clock import NS
 from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
+from ik_node.replay.bitwise import replay
+from ik_node.replay.call_source import RecordingSource
 from ik_node.report import GroundTruth, as_json, as_text, compute_metrics, read_ground_truth, write_ground_truth
 from ik_node.report.summary_page import save_summary
 from ik_node.trajectory.shapes import figure_of_eight
@@ -97,6 +101,31 @@ def test_text_fits_a_screen_and_json_is_complete(run: Run) -> None:
     assert "series" not in read
 
 
+def test_a_stream_that_is_too_fast_is_reported_with_the_parameter(run: Run, tmp_path: Path) -> None:
+    """A line at up to 1.6 m/s, faster than the reference may be; and the snapshots replay."""
+    assert compute_metrics(run).target_too_fast.text == ""
+    loop = recorded_loop(tmp_path / "bag", {"rate_hz": 100.0})
+    loop.run(0.1)
+    start = loop.pose()
+
+    def pose(time_s: float) -> Array:
+        moved: Array = start.copy()
+        moved[1, 3] += 0.2 * np.sin(8.0 * time_s) * min(time_s, 1.0)
+        return moved
+
+    loop.follow(pose, 2.0, 50.0)
+    finish(loop)
+    metrics = compute_metrics(load_run(tmp_path / "bag"))
+    assert 0.5 < metrics.target_too_fast.duration_s < 2.1
+    said = [line for line in as_text(metrics).splitlines() if line.startswith("too fast")]
+    assert len(said) == 1
+    assert re.search(r" s  moves at 1\.[3-6] m/s, faster than target\.max_speed \(1 m/s\)$", said[0])
+    plain = json.loads(as_json(metrics))["target_too_fast"]
+    assert plain["duration_s"] == pytest.approx(metrics.target_too_fast.duration_s)
+    source = RecordingSource(tmp_path / "bag")
+    assert replay(source).passed
+
+
 @pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
 def test_summary_page_is_written(run: Run, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"picture.{suffix}"
@@ -121,9 +150,14 @@ def test_ground_truth_is_stored_and_read(run: Run, tmp_path: Path) -> None:
     assert np.abs(again.position - truth.position).max() < 1e-11
     with pytest.raises(RecordingError):
         write_ground_truth(tmp_path / "trajectory.csv", truth)
-    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(RecordingError, match="no ground truth"):
-        read_ground_truth(tmp_path / "other.csv")
+    for text, message in (
+        ("a,b\n1,2\n3,4\n", "no position x, y, z"),
+        ("x,y,z,qx,qy,qz,qw\n" + "0.1,0.2,0.3,0,0,0,1\n" * 2, "is no ground truth: it holds no time"),
+        ("t,x,y\n0,0.1,0.2\n1,0.1,0.2\n", "is no ground truth: it holds no orientation and no z"),
+    ):
+        (tmp_path / "other.csv").write_text(text)
+        with pytest.raises(TrajectoryFileError, match=message):
+            read_ground_truth(tmp_path / "other.csv")
 
 
 def test_command_line(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

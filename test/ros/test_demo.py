@@ -268,6 +268,16 @@ def test_the_beginning_of_a_real_hand_s_demonstration_is_followed(tmp_path: Path
     assert "s approach to the first pose" in said
 
 
+def test_an_arm_without_a_configuration_starts_where_it_can_move(tmp_path: Path) -> None:
+    """Zeros are a singular start in self-collision; another one is chosen, and printed."""
+    out = tmp_path / "tiago"
+    _, said = demo(out, "--robot", "tiago_no_hand", "--trajectory", "line")
+    assert_safe(out)
+    assert_follows(out, 2.0, np.inf)
+    assert "start posture chosen, none is configured: torso_lift_joint" in said
+    assert load_run(out / "bag").singular_values[0, -1] > 0.1
+
+
 @pytest.mark.exhaustive
 def test_a_singular_demonstration_of_a_real_hand_stays_within_its_limits(tmp_path: Path) -> None:
     path = shared_path("data", "robottasks", "openbox.npy")

@@ -18,10 +18,9 @@ from ik_node.math.types import Array
 from ik_node.robot.frames import Frames
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ControlSettings, Settings
-from ik_node.targets.arbiter import twist_frame
 from ik_node.targets.bounds import JOG, motion_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion
-from ik_node.targets.jog import LEAD_LIMIT, Jog, TwistFrame
+from ik_node.targets.jog import LEAD_LIMIT, Jog, TwistFrame, twist_frame
 
 TICK_NS = 2_000_000
 TICK_S = TICK_NS / NS

@@ -104,7 +104,7 @@ def test_csv_with_goal_and_measured_pose_and_time_in_another_file(tmp_path: Path
     measured = load(file, dataclasses.replace(how, prefix="current_"))
     assert_poses(measured, expected(positions + 1.0, quaternions[::-1]))
     with pytest.raises(TrajectoryFileError, match="'goal_stamp_sec' spans 0 s"):
-        load(file, dataclasses.replace(how, time="goal_stamp_sec"))
+        load(file, dataclasses.replace(how, time="goal_stamp_sec", time_unit=""))
 
 
 def test_two_poses_of_which_none_is_the_goal_are_refused_with_their_prefixes(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_explicit_columns_by_name_or_number_win(tmp_path: Path) -> None:
         trajectory = load(file, how)
         assert_poses(trajectory, expected(positions, quaternions))
         assert trajectory.duration_s == pytest.approx(4.0)
-    held = load(file, dataclasses.replace(named, quaternion=("none",), order="", time="none"), START)
+    held = load(file, dataclasses.replace(named, quaternion=("none",), order="", time="none", time_unit=""), START)
     assert np.abs(held.pose(5.0)[:3, :3] - START[:3, :3]).max() < 1e-12
     assert held.duration_s == 10.0
 
@@ -182,7 +182,7 @@ def test_window_and_speed(tmp_path: Path) -> None:
     trajectory = load(file, PoseFileFormat(duration_s=4.0, start_s=0.99, end_s=3.01))
     assert_poses(trajectory, expected(positions, quaternions)[5:16])
     assert trajectory.duration_s == pytest.approx(2.0)
-    with pytest.raises(TrajectoryFileError, match="no motion between start_s 7"):
+    with pytest.raises(TrajectoryFileError, match="no motion between --start 7"):
         load(file, PoseFileFormat(start_s=7.0))
 
 

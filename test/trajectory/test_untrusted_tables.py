@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ik_node.errors import TrajectoryFileError
-from ik_node.trajectory.pose_table import read_table
+from ik_node.trajectory.pose_reader import read_table
 
 
 def npy(header: str) -> bytes:

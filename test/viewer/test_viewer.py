@@ -557,7 +557,7 @@ def test_command_line_serves_a_recording(bag: Path) -> None:
 def test_command_line_reports_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert view_cli.main([]) == 2
     assert view_cli.main([str(tmp_path), "--live"]) == 2
-    assert view_cli.main([str(tmp_path / "nothing")]) == 1
+    assert view_cli.main([str(tmp_path / "nothing")]) == 2
     assert "nothing" in capsys.readouterr().err
 
 

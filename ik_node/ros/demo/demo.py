@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
 from types import FrameType
@@ -17,9 +15,8 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from ik_node import resources
 from ik_node.control.warm_up import warm_up
-from ik_node.errors import IkNodeError, SettingsError
+from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
 from ik_node.jit import is_cold
@@ -35,14 +32,12 @@ from ik_node.report import (
     write_ground_truth,
 )
 from ik_node.report.summary_page import save_summary
-from ik_node.robot.catalogue import robot_from_settings
 from ik_node.ros.child_process import NodeProcess
+from ik_node.ros.demo.options import ARM_PARAMETERS, SIMULATOR, CheckedRun, DemoOptions
 from ik_node.ros.demo.target_streamer import TargetStreamer
 from ik_node.settings.groups import Settings
-from ik_node.settings.parameter_file import read_settings
-from ik_node.trajectory import pose_file, shapes
+from ik_node.trajectory import shapes
 from ik_node.trajectory.pose_file import PoseFileTrajectory
-from ik_node.trajectory.pose_file_format import PoseFileFormat
 
 READY_TIMEOUT_S = 120.0
 """Includes the compilation by the node where machine code cannot be stored on disk."""
@@ -52,43 +47,22 @@ HOLD_S = 0.6
 PROGRESS_S = 0.2
 
 
-@dataclass(frozen=True)
-class DemoOptions:
-    """Options of the demonstration."""
-
-    robot: str
-    config: Path | None
-    trajectory: str
-    """A name in :data:`ik_node.trajectory.shapes.SHAPES`, or a file of poses."""
-    file_format: PoseFileFormat
-    target_rate_hz: float | None
-    rate_hz: float | None
-    overrides: tuple[str, ...]
-    """Parameters of the node, ``name:=value``."""
-    out: Path
-    show: bool
-    """Open the picture of the report where there is a screen."""
-
-
 class Demonstration:
     """One run from start to report."""
 
     def __init__(self, options: DemoOptions) -> None:
-        """Load configuration and robot; raises an IkNodeError when one of them, or the output folder, is not usable."""
+        """Read and check all files; raises an IkNodeError when one of them, or the output folder, is not usable."""
         self._options = options
-        self._config = options.config or _config_for(options.robot)
-        settings = Settings() if self._config is None else read_settings(self._config)
-        self._robot = robot_from_settings(dataclasses.replace(settings.arm, robot=options.robot))
+        self._run = CheckedRun(options)
+        self._robot = self._run.robot
         self._interrupted = False
-        if options.out.exists():
-            raise SettingsError(f"folder '{options.out}' exists already; it is not overwritten")
 
     def run(self) -> int:
         """Run; return 0, or 130 when interrupted. The recording is complete and reported in both cases."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._on_signal)
-        out = self._options.out
+        out = self._run.out
         out.mkdir(parents=True)
         if is_cold():
             print("compiling, once per version: about a minute", flush=True)
@@ -105,22 +79,29 @@ class Demonstration:
     # --- processes ---------------------------------------------------------------------------------------------------
 
     def _simulator(self, out: Path) -> NodeProcess:
-        arguments = [*self._common("ik_simulator"), "-r", "commands:=/ik_node/commands"]
+        arguments = [*self._common(SIMULATOR), "-r", "commands:=/ik_node/commands"]
+        if self._run.start is not None:
+            arguments += ["-p", f"{SIMULATOR}:initial_position:={self._run.start.position.tolist()}"]
         return NodeProcess("ik_node.cli.simulator", arguments, {}, out / "ik_simulator.log")
 
     def _node(self, out: Path) -> NodeProcess:
         recording = ["recording.enabled:=true", f"recording.directory:={out / 'bag'}"]
         arguments = self._common("ik_node")
-        for value in (*recording, *self._options.overrides):
+        for value in recording:
             arguments += ["-p", f"ik_node:{value}"]
+        for name, value in self._options.overrides.items():
+            arguments += ["-p", f"ik_node:{name}:={value}"]
         return NodeProcess("ik_node.cli.node", arguments, {}, out / "ik_node.log")
 
     def _common(self, node: str) -> list[str]:
         """Return arguments for either node; values with the name of the node override those of the file."""
-        arguments = [] if self._config is None else ["--params-file", str(self._config)]
-        arguments += ["-p", f"{node}:robot:={self._options.robot}"]
-        if self._options.rate_hz is not None:
-            arguments += ["-p", f"{node}:rate_hz:={float(self._options.rate_hz)!r}"]
+        arguments = [] if self._run.config is None else ["--params-file", str(self._run.config)]
+        if self._run.settings.arm.robot:
+            arguments += ["-p", f"{node}:robot:={self._run.settings.arm.robot}"]
+        if node == SIMULATOR:
+            for name in ("rate_hz", *ARM_PARAMETERS):
+                if name in self._options.overrides:
+                    arguments += ["-p", f"{node}:{name}:={self._options.overrides[name]}"]
         return arguments
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -140,7 +121,9 @@ class Demonstration:
             if self._interrupted:
                 raise IkNodeError("interrupted before the start")
 
-        print(f"starting {self._options.robot}: ik_node and ik_simulator over DDS", flush=True)
+        print(f"starting {self._run.robot_name}: ik_node and ik_simulator over DDS", flush=True)
+        if self._run.start is not None:
+            print(self._run.start.describe(self._robot.joints), flush=True)
         streamer.wait_until_ready(READY_TIMEOUT_S, check_processes)
         start_pose = streamer.measured_pose()
         trajectory = self._trajectory(start_pose)
@@ -164,13 +147,9 @@ class Demonstration:
         return ground_truth_from_trajectory(trajectory, start_ros_ns + round(approach.duration_s * NS))
 
     def _trajectory(self, start_pose: Array) -> Trajectory:
-        name = self._options.trajectory
-        if name in shapes.SHAPES:
-            return shapes.SHAPES[name](start_pose)
-        path = Path(name)
-        if not path.is_file():
-            raise SettingsError(f"no trajectory '{name}'; valid: {', '.join(shapes.SHAPES)}, or a file of poses")
-        loaded = pose_file.load(path, self._options.file_format, start_pose)
+        if self._run.poses is None:
+            return shapes.SHAPES[self._options.trajectory](start_pose)
+        loaded = self._run.poses.trajectory(start_pose)
         print(loaded.describe(), flush=True)
         return loaded
 
@@ -244,11 +223,3 @@ def _sample_times(duration_s: float, rate_hz: float) -> Iterator[float]:
         yield index / rate_hz
     if count / rate_hz < duration_s:
         yield duration_s
-
-
-def _config_for(robot: str) -> Path | None:
-    """Return the configuration file of a robot; None where there is none and the defaults apply."""
-    try:
-        return resources.config_file(f"{robot}.yaml")
-    except SettingsError:
-        return None

@@ -23,6 +23,7 @@ from ik_node.targets.stream.extrapolation import TargetCurve, resting
 from ik_node.targets.stream.latency import Latency, latency_at, target_latency
 from ik_node.targets.stream.predictors import PredictorBank, new_bank, updated_bank
 from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
+from ik_node.targets.stream.target_speed import TargetSpeed, too_fast_text, updated_speed
 from ik_node.targets.stream.tracking_filter import (
     NO_PREDICTION,
     PackedFilterState,
@@ -65,6 +66,7 @@ class StreamSnapshot:
     duplicates: int = 0
     late: int = 0
     reordered: int = 0
+    speed: TargetSpeed = field(default_factory=TargetSpeed)
 
 
 class StreamedPoses:
@@ -79,6 +81,7 @@ class StreamedPoses:
     def configure(self, settings: TargetSettings) -> None:
         """Applies other settings; the estimates of the stream are kept."""
         self._bounds = TrackingBounds(*stream_bounds(settings), settings.timeout_s)
+        self._max_speed = settings.max_speed
         self._pack_inputs()
 
     def capture(self) -> StreamSnapshot:
@@ -137,6 +140,7 @@ class StreamedPoses:
         else:
             self._follow(s.bank, sample)
         s.newest = sample
+        s.speed = updated_speed(s.speed, sample.time_ns, sample.position, sample.orientation, self._max_speed)
         self._update_curve(sample, on_arrival)
 
     def _is_duplicate(self, newest: StreamSample, sample: StreamSample) -> bool:
@@ -250,6 +254,11 @@ class StreamedPoses:
     def jumped(self) -> bool:
         """True from a jump of the target until the motion has arrived."""
         return self._state.filter_state.jumped
+
+    @property
+    def too_fast(self) -> str:
+        """Warning that the target moves faster than the reference may; empty if it does not."""
+        return too_fast_text(self._state.speed, self._state.filter_state.time_ns, self._max_speed)
 
     @property
     def goal_sd(self) -> Array | None:

@@ -118,13 +118,16 @@ class Demonstration:
             for process in processes:
                 if process.exit_code is not None:
                     raise IkNodeError(f"{process.module} ended with code {process.exit_code}:\n{process.log_tail()}")
+
+        def check_before_start() -> None:
+            check_processes()
             if self._interrupted:
                 raise IkNodeError("interrupted before the start")
 
         print(f"starting {self._run.robot_name}: ik_node and ik_simulator over DDS", flush=True)
         if self._run.start is not None:
             print(self._run.start.describe(self._robot.joints), flush=True)
-        streamer.wait_until_ready(READY_TIMEOUT_S, check_processes)
+        streamer.wait_until_ready(READY_TIMEOUT_S, check_before_start)
         start_pose = streamer.measured_pose()
         trajectory = self._trajectory(start_pose)
         approach = shapes.straight_line(start_pose, trajectory.pose(0.0))

@@ -27,13 +27,13 @@ def setting(**values: Any) -> Callable[[Rig], None]:
 
 
 def refused(name: str, value: Any, text: str, case: str = "") -> Fault:
-    """A parameter value that has to be refused with a text; the arm goes on."""
+    """A parameter value that has to be refused with a text; the arm continues to follow its target."""
     shown = value if not isinstance(value, (list, tuple)) else list(value)
     return Fault(f"{name.replace('__', '.')} = {shown!r}", setting(**{name: value}), Right(text=text), case)
 
 
 def accepted(name: str, value: Any, before: Any, case: str = "") -> Fault:
-    """A parameter value that is accepted; the arm goes on."""
+    """A parameter value that is accepted; the arm continues to follow its target."""
     shown = value if not isinstance(value, (list, tuple)) else list(value)
     label = f"{name.replace('__', '.')} = {shown!r}"
     return Fault(label, setting(**{name: value}), Right(), case, setting(**{name: before}))
@@ -61,7 +61,7 @@ def restore_limits(rig: Rig) -> None:
 
 
 def pause_and_silence(rig: Rig) -> None:
-    """The joint states end in the ramp of a pause, which goes on without them."""
+    """The joint states end in the ramp of a pause, which is completed without them."""
     rig.set(limits__acceleration=[0.4])
     rig.mark()
     rig.pause()

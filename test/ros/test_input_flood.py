@@ -1,4 +1,4 @@
-"""Each input at and beyond its bound, at rate, from a process of its own: the node goes on and answers.
+"""Each input at and beyond its bound, at rate, from a process of its own: commands and answers continue.
 
 The silence of the node is measured between the stamps of its commands. The scheduler of Linux tells for how long the
 node computed, which is its own share, and for how long it waited for a processor, which is the machine's.
@@ -47,8 +47,8 @@ TIMEOUT_S = 0.5
 STREAM_HZ = 5000.0
 """Rate of streamed inputs; others are sent at 1 kHz, large ones at 20 MB/s."""
 OWN_S = 1.0
-"""Bound of the time that the node computes without a command, or before an answer. On an idle machine it is 0.02 s, on
-a busy one 0.15 s; before there were bounds it was endless."""
+"""Bound of the time that the node computes without a command, or before an answer. It was 0.02 s in one run and 0.15 s
+in another, both on busy machines; before there were bounds it was endless."""
 LONGEST_S = 2.0
 """Bound of times that include those of a busy machine."""
 SILENCE_EVERY = 5

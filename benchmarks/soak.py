@@ -36,8 +36,8 @@ SEGMENT = re.compile(r".*/fastrtps_[0-9a-f]+")
 """Memory of one process; files of ports are kept by Fast DDS for the next process."""
 MOVING = ("tracking", "holding")
 CAUSES = ("arm", "machine", "stopped", "node")
-"""Causes of missed steps: the joint states had the same gap; the node waited for the processor; it had stopped the arm,
-for a reason that its log has; none of them."""
+"""Causes of missed steps: the joint states had the same gap; a thread of the node waited for a processor, also one of
+DDS, which receives the joint states; the node had stopped the arm, for a reason that its log has; none of them."""
 
 
 class Process(NamedTuple):
@@ -171,10 +171,10 @@ class StepGaps:
         from ik_node.ros import qos
 
         self._streamer, self._mode = node, MOVING[0]
-        self._run_delay = Path(f"/proc/{pid}/task/{pid}/schedstat")
+        self._threads = Path(f"/proc/{pid}/task")
         self._period_s = 1.0 / rate_hz
         self._before: dict[str, int] = {}
-        self._waited_s = 0.0
+        self._waited_s: dict[str, float] = {}
         self._arm_gap_s = 0.0
         self.restart()
         profile = qos.OUTPUT
@@ -204,19 +204,24 @@ class StepGaps:
         self.steps += 1
         self.longest_s = max(self.longest_s, gap_s)
         if gap_s > LATE_PERIODS * self._period_s:
-            waited_s = 1e-9 * int(self._run_delay.read_text().split()[1])
+            before_s, self._waited_s = self._waited_s, waiting_s(self._threads)
+            longest_s = max(time_s - before_s.get(thread, time_s) for thread, time_s in self._waited_s.items())
             is_arm = self._arm_gap_s > 0.5 * gap_s
             mode, _ = self._streamer.status
-            is_machine = waited_s - self._waited_s > 0.5 * (gap_s - self._period_s)
+            is_machine = longest_s > 0.5 * (gap_s - self._period_s)
             cause = "arm" if is_arm else "machine" if is_machine else "node"
             if self._mode not in MOVING or mode not in MOVING:
                 cause = "stopped"
             self._mode = mode
             self.missed[cause] += round(gap_s / self._period_s) - 1
-            self._waited_s = waited_s
         elif self.steps % 10 == 0:
-            self._waited_s = 1e-9 * int(self._run_delay.read_text().split()[1])
+            self._waited_s = waiting_s(self._threads)
         self._arm_gap_s = 0.0
+
+
+def waiting_s(threads: Path) -> dict[str, float]:
+    """For how long each thread of a process has waited for a processor, s, from the scheduler of Linux."""
+    return {entry.name: 1e-9 * int((entry / "schedstat").read_text().split()[1]) for entry in threads.iterdir()}
 
 
 def minute(steps: StepGaps, processes: dict[str, Any], bag: Path) -> Minute:

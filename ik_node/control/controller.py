@@ -20,7 +20,7 @@ from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import REACH, StatusSnapshot
-from ik_node.control.step_timer import RECOVERY_S, StepTimer, TimerSnapshot
+from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step, open_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
 from ik_node.differential_ik.methods import check_masses
@@ -375,13 +375,13 @@ class Controller:
             return None
         delay_s = self._timer.restart_delay_s(now.monotonic_ns, RESTART_S if late.is_held_up else 0.0)
         self._retry_ns = now.monotonic_ns + round(delay_s * NS)
-        repeated = f"; repeated, continues after {delay_s:g} s" if delay_s >= RECOVERY_S else ""
-        return self._stop(now, Level.ERROR, late.reason + repeated)
+        return self._stop(now, Level.ERROR, late.reason)
 
     def _stop(self, now: Instant, level: Level, reason: str) -> Step | None:
         """Commands zero at once; the next valid state starts again, unless paused or in a fault."""
-        was_moving = self._state_machine.moving
-        self._state_machine.stop(level, reason)
+        was_moving, is_repeated = self._state_machine.moving, self._retry_ns - now.monotonic_ns > RETRY_S * NS
+        repeated = f"; repeated, continues after {self._timer.recovery_s:g} s" if is_repeated else ""
+        self._state_machine.stop(level, reason + repeated)
         self._keep_targets = False
         self._state = self._frames.position = None
         self._timer.reset_interval()

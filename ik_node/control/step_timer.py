@@ -87,6 +87,8 @@ class StepTimer:
         """Why the rate is too low to move; empty when it is high enough. Has hysteresis in rate and time."""
         self.warning = ""
         """Status text while the machine does not keep up but is fast enough to move; empty otherwise."""
+        self.recovery_s = 0.0
+        """Last result of :meth:`restart_delay_s`."""
         self.states = 0
         """Number of complete joint states that arrived."""
         self.steps_late = 0
@@ -98,7 +100,6 @@ class StepTimer:
         self._due = EventRate(rate_hz)
         self._clock = EventRate(1.0 / CLOCK_PERIOD_S)
         self._slow_ns = self._stopped_ns = 0
-        self._recovery_s = 0.0
 
     def is_due(self, time_ns: int, now_ns: int) -> bool:
         """Counts a joint state and decides whether it makes a control step; keeps the mean rate below rate_hz.
@@ -155,11 +156,11 @@ class StepTimer:
             :attr:`too_slow` holds, the time that it names.
         """
         if self.too_slow:
-            return self._recovery_s
-        repeats = 0 < self._stopped_ns >= now_ns - round((RELAPSE_S + self._recovery_s) * NS)
-        self._recovery_s = min(max(2.0 * self._recovery_s, RECOVERY_S), MAX_RECOVERY_S) if repeats else shortest_s
+            return self.recovery_s
+        repeats = 0 < self._stopped_ns >= now_ns - round((RELAPSE_S + self.recovery_s) * NS)
+        self.recovery_s = min(max(2.0 * self.recovery_s, RECOVERY_S), MAX_RECOVERY_S) if repeats else shortest_s
         self._stopped_ns = now_ns
-        return self._recovery_s
+        return self.recovery_s
 
     def counts(self) -> dict[str, int]:
         """Numbers of joint states that arrived, of those that were late, and of clock calls, for the diagnostics."""
@@ -171,7 +172,7 @@ class StepTimer:
         if self.too_slow:
             if hz < RESTART_FRACTION * self._rate_hz:
                 self._slow_ns = now_ns
-            elif now_ns - self._slow_ns >= self._recovery_s * NS:
+            elif now_ns - self._slow_ns >= self.recovery_s * NS:
                 self.too_slow, self._stopped_ns = "", now_ns
         elif hz < MIN_RATE_FRACTION * self._rate_hz:
             self._slow_ns = now_ns

@@ -169,6 +169,22 @@ def test_silences_that_repeat_do_not_stop_and_start_the_arm_each_time(moving: Cl
     assert moving.mode() is Mode.TRACKING
 
 
+def test_a_stop_during_the_delay_of_repeated_stops_names_that_delay(moving: Clocked) -> None:
+    """Before, the arm stood for seconds with a reason that had passed."""
+    moving.awake_s = 0.1
+    for _ in range(2):
+        FAULTS["driver silent"](moving, True)
+        moving.pass_time(0.3)
+        FAULTS["driver silent"](moving, False)
+        moving.pass_time(0.2)
+    assert moving.mode() is Mode.STOPPED
+    broken = JointSample(moving.now.ros_ns, moving.robot.joints, np.full(moving.robot.n, np.nan))
+    moving.take(moving.controller.on_joint_state(broken, moving.now))
+    status = moving.controller.status
+    assert "not finite" in status.reason
+    assert "; repeated, continues after " in status.reason
+
+
 def test_after_a_single_silence_the_arm_starts_at_once(moving: Clocked) -> None:
     moving.rate_hz = 1.0
     moving.pass_time(1.0)

@@ -22,7 +22,7 @@ TIMEOUT_S = 0.4
 MARGIN_S = 0.6
 """Added to each longest time to zero, for a busy machine. What stands in the column is the measured time."""
 
-GOES_ON, HOLDS, STOPPED, PAUSED, ENDED = "tracking", "holding", "stopped", "paused", "ended"
+GOES_ON, HOLDS, STOPPED, PAUSED, FAULT, ENDED = "tracking", "holding", "stopped", "paused", "fault", "ended"
 """Expected modes; ``ended``: the process has ended."""
 ITSELF, UNPAUSE, RESET, START, NOTHING = "by itself", "after pause false", "after reset", "after a new start", "-"
 """Ways back to motion after the cause is gone."""

@@ -41,6 +41,10 @@ MACHINE = ("no joint state for", "held up", "slower than", "held for longer")
 """Texts that a busy machine causes."""
 
 
+Start = Callable[[int, Sequence[str], Path], NodeProcess]
+"""Starts the node in a ROS domain, with options and a file for its output."""
+
+
 class Cell(NamedTuple):
     """What was seen of one fault while it lasted; times are monotonic."""
 
@@ -73,6 +77,12 @@ class BootstrapProcess(NodeProcess):
             )
 
 
+def start_broken(domain: int, options: Sequence[str], log: Path) -> NodeProcess:
+    """Start the node of ``broken_node.py``."""
+    folders = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    return NodeProcess("broken_node", options, {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": folders}, log)
+
+
 class Session:
     """Several faults at one node."""
 
@@ -83,9 +93,9 @@ class Session:
         method: str,
         arguments: Sequence[str] = (),
         rig: Rig | None = None,
-        through_bootstrap: bool = False,
+        start: Start | None = None,
     ) -> None:
-        self.through_bootstrap = through_bootstrap
+        self._start = start
         self.peer, self.folder, self.method = peer, folder, method
         self.arguments = (*ARGUMENTS, f"method:={method}", *arguments)
         self.rig = rig or Rig(peer, make_robot("panda"), READY["panda"])
@@ -109,11 +119,11 @@ class Session:
         self.peer.commands.append(np.zeros(self.rig.robot.n))
         self.peer.command_times_ns.append(time.monotonic_ns())
         options = [part for value in given for part in ("-p", value)]
-        if self.through_bootstrap:
-            log = self.folder / f"bootstrap_{len(self.bags)}.log"
-            self.peer.processes.append(BootstrapProcess(self.peer.domain, options, log))
-        else:
+        if self._start is None:
             self.peer.start("node", self.folder, options)
+        else:
+            log = self.folder / f"other_{len(self.bags)}.log"
+            self.peer.processes.append(self._start(self.peer.domain, options, log))
         return self.rig.until(lambda: self.peer.mode == GOES_ON and self.rig.moving, 120.0)
 
     # --- one fault ---------------------------------------------------------------------------------------------------

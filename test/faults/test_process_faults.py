@@ -13,12 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fault import ENDED, METHODS, START, STOPPED, TIMEOUT_S, Fault, Right, choose, chosen_methods
+from fault import ENDED, FAULT, METHODS, RESET, START, STOPPED, TIMEOUT_S, Fault, Right, choose, chosen_methods
 from fault_table import Row, failures
 from loop import READY, make_robot
 from rig import NS, Rig
 from ros_peer import peer_in_own_domain
-from session import Session, session
+from session import BootstrapProcess, Session, session, start_broken
 from support import PROJECT
 
 WATCHDOG_S = 0.1
@@ -157,6 +157,13 @@ CLOCK_FAULTS = (
 )
 
 
+BROKEN = Right(FAULT, "stopped until reset", 0.1, at_once=True, back=RESET)
+CODE_FAULTS = (
+    Fault("exception in a control step", send(signal.SIGUSR1), BROKEN._replace(text="an error in the code")),
+    Fault("result that is not finite", send(signal.SIGUSR2), BROKEN),
+)
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "method" in metafunc.fixturenames:
         metafunc.parametrize("method", chosen_methods(metafunc.config, metafunc.function.__name__))
@@ -200,6 +207,16 @@ def test_watchdog(
         finish(node, record_property)
 
 
+def test_errors_in_the_code(
+    method: str, tmp_path: Path, pytestconfig: pytest.Config, record_property: Callable[[str, object], None]
+) -> None:
+    with peer_in_own_domain() as peer:
+        node = Session(peer, tmp_path, method, start=start_broken)
+        for fault in choose(pytestconfig, "code", CODE_FAULTS, 1):
+            node.run(fault)
+        finish(node, record_property)
+
+
 def test_signals_to_bootstrap(
     tmp_path: Path, pytestconfig: pytest.Config, record_property: Callable[[str, object], None]
 ) -> None:
@@ -216,7 +233,7 @@ def test_signals_to_bootstrap(
         Fault("SIGTERM to bootstrap.py ik_node", send(signal.SIGTERM), RAMPED, "W18"),
     )
     with peer_in_own_domain() as peer:
-        node = Session(peer, tmp_path, METHODS[0], through_bootstrap=True)
+        node = Session(peer, tmp_path, METHODS[0], start=BootstrapProcess)
         for fault in choose(pytestconfig, "bootstrap", faults, 1):
             node.run(fault)
         finish(node, record_property)

@@ -8,11 +8,12 @@ compares both with the serialiser of ROS).
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
@@ -28,8 +29,8 @@ LITTLE_ENDIAN = b"\x00\x01"
 BIG_ENDIAN = b"\x00\x00"
 """The same with big-endian numbers."""
 _ORDERS = {
-    LITTLE_ENDIAN: (struct.Struct("<I"), struct.Struct("<iI"), np.dtype("<f8")),
-    BIG_ENDIAN: (struct.Struct(">I"), struct.Struct(">iI"), np.dtype(">f8")),
+    LITTLE_ENDIAN: (struct.Struct("<I"), struct.Struct("<iI"), np.dtype("<f8"), "<"),
+    BIG_ENDIAN: (struct.Struct(">I"), struct.Struct(">iI"), np.dtype(">f8"), ">"),
 }
 _STAMP_OFFSET = 4  # stamped messages start with a Header, and a Header starts with its stamp
 _STAMP_END = 12
@@ -138,7 +139,7 @@ class Cursor:
         self.offset = offset
         if data[:2] not in (LITTLE_ENDIAN, BIG_ENDIAN):
             raise ValueError("the first two bytes are not those of plain CDR")
-        self._count, self._time, self._double = _ORDERS[data[:2]]
+        self._count, self._time, self._double, self._order = _ORDERS[data[:2]]
 
     def stamp(self) -> int:
         """builtin_interfaces/Time or Duration as ns."""
@@ -181,6 +182,35 @@ class Cursor:
             self.offset += (4 - self.offset) % alignment + size * count
         if self.offset > len(self.data):
             raise ValueError("a sequence exceeds the message")
+
+    def records(self, counts: Sequence[int], count: int) -> NDArray[Any]:
+        """Records of the same layout: for each of ``counts`` a sequence of that many float64, then a Time.
+
+        Args:
+            counts: Numbers per sequence; they determine the layout.
+            count: Number of records. The padding of the first one in a message may differ from that of the next ones.
+
+        Returns:
+            Structured array of at most ``count`` records, as many as the message has bytes for: ``length_i`` and
+            ``numbers_i`` of sequence i, ``seconds``, ``nanoseconds``. The first length that does not belong to
+            ``counts`` means that what follows it has another layout.
+        """
+        self.offset += -self.offset % 4
+        fields: list[tuple[Any, ...]] = []
+        place = self.offset - 4
+        for index, size in enumerate(counts):
+            fields.append((f"length_{index}", f"{self._order}u4"))
+            place += 4
+            if size:
+                if place % 8:
+                    fields.append((f"padding_{index}", "V4"))
+                fields.append((f"numbers_{index}", self._double, size))
+                place += place % 8 + 8 * size
+        layout = np.dtype([*fields, ("seconds", f"{self._order}i4"), ("nanoseconds", f"{self._order}u4")])
+        complete = max(len(self.data) - self.offset, 0) // layout.itemsize
+        records = np.frombuffer(self.data, layout, min(count, complete), self.offset)
+        self.offset += records.nbytes
+        return records
 
     def floats(self, size: int) -> Array:
         """A new array of ``size`` float64 numbers."""

@@ -13,7 +13,7 @@ from ik_node.errors import IkNodeError, TargetRefused
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import FARTHEST_M, MAX_POSES, PathSample, TrajectorySample
 from ik_node.math import se3
-from ik_node.math.quaternion import Quaternion, from_matrix, normalised
+from ik_node.math.quaternion import Quaternion, from_matrix, to_matrix
 from ik_node.math.so3 import relative_rotation_vectors
 from ik_node.math.types import Array
 from ik_node.settings.groups import PathSettings
@@ -132,7 +132,7 @@ def _knots(
     too_hard = (np.abs(sample.accelerations) > HARDEST).any(axis=1)
     _refuse_first(too_hard, "pose {} has an acceleration above " + f"{HARDEST:g} m/s2 or rad/s2")
     rotation = base[:3, :3]
-    own = np.array([_matrix(orientation) for orientation in orientations])
+    own = _rotations(orientations)
 
     def halves(values: Array) -> tuple[Array, Array]:
         """Linear part in {s}, angular part in the frame of the knot."""
@@ -147,9 +147,11 @@ def _knots(
     return knots._replace(accelerations=accelerations, angular_accelerations=angular)
 
 
-def _matrix(orientation: Quaternion) -> Array:
-    w, x, y, z = orientation
-    return se3.rotation_from_quaternion((x, y, z, w))
+def _rotations(orientations: tuple[Quaternion, ...]) -> Array:
+    """Rotation matrices, (N, 3, 3)."""
+    w, x, y, z = np.array(orientations).T
+    norms = np.sqrt(x * x + y * y + z * z + w * w)
+    return np.moveaxis(np.array(to_matrix((w / norms, x / norms, y / norms, z / norms))), -1, 0)
 
 
 def _check_count(count: int) -> None:
@@ -183,7 +185,9 @@ def _in_base(
         placed[here] = positions[here] @ base[:3, :3].T + base[:3, 3]
         turned[here] = (quaternions[here] / norms[here, None]) @ _left_product(from_matrix(base)).T
     _refuse_first(~(np.abs(placed).max(axis=1) <= FARTHEST_M), "pose {} is more than " + f"{FARTHEST_M:g} m away")
-    return placed, tuple(normalised((w, x, y, z)) for w, x, y, z in turned.tolist())
+    w, x, y, z = turned.T
+    turned = turned * (1.0 / np.sqrt(w * w + x * x + y * y + z * z))[:, None]
+    return placed, tuple(map(tuple, turned.tolist()))
 
 
 def _left_product(a: Quaternion) -> Array:

@@ -236,7 +236,9 @@ def answered_s(peer: Peer, client: Any, node: NodeProcess, pause: bool) -> tuple
 def silenced(peer: Peer, monitor: Monitor, simulator: NodeProcess) -> float:
     """Interrupts the joint states until the node commands zeros; returns its delay beyond ``state.timeout_s``, s."""
     os.kill(simulator.pid, signal.SIGSTOP)
-    peer.until("zeros", lambda: peer.mode == "stopped" and "no joint state for" in peer.reason)
+    # The status may arrive before the command.
+    peer.until("the status", lambda: peer.mode == "stopped" and "no joint state for" in peer.reason)
+    peer.until("zeros", lambda: monitor.command_ns > monitor.state_ns + TIMEOUT_S / 2.0 * 1e9)
     zeros_s = 1e-9 * (monitor.command_ns - monitor.state_ns) - TIMEOUT_S
     os.kill(simulator.pid, signal.SIGCONT)
     peer.until("control", lambda: peer.mode in MOVING)

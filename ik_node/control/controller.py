@@ -18,6 +18,7 @@ from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
 from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when_late
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
+from ik_node.control.late_inputs import late_conditions
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
@@ -27,7 +28,8 @@ from ik_node.differential_ik.methods import check_masses
 from ik_node.differential_ik.posture import check_posture
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces import samples as inputs
-from ik_node.interfaces.clock import NS, Instant, to_monotonic
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.delivery import MAX_AGE_NS, target_times
 from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.math.types import Array
@@ -36,12 +38,9 @@ from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import MAX_STAMP_AGE_S, TargetArbiter, TargetSource, check_distance
+from ik_node.targets.arbiter import TargetArbiter, TargetSource, check_distance
 from ik_node.targets.jog import twist_frame
 
-MAX_AGE_NS = round(MAX_STAMP_AGE_S * NS)
-MAX_AHEAD_NS = NS // 2
-"""Target stamps up to this far in the future (look-ahead of a planner) are plausible."""
 NO_SUBSCRIBER = Status(Level.WARN, Mode.STOPPED, "no subscriber on the command topic")
 
 
@@ -98,8 +97,8 @@ class Controller:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of joint states, of control steps made and late, and of clock calls, for the diagnostics."""
-        return {"steps": self._tick, **self._timer.counts()}
+        """Counts of joint states, control steps, clock calls, hold-ups and targets, for the diagnostics."""
+        return {"steps": self._tick, **self._timer.counts(), **self._targets.stream.counts()}
 
     @property
     def collision_monitor(self) -> CollisionMonitor:
@@ -114,6 +113,7 @@ class Controller:
         Returns:
             The Step with the command; None without a control step. A joint state that is refused stops the arm.
         """
+        self._timer.add_call(now.monotonic_ns)
         if (step := self._stop_when_late(now)) is not None:
             return step
         if self._joint_states.is_stale(now):
@@ -141,7 +141,7 @@ class Controller:
         with self._refusals(TargetSource.POSE.value):
             pose_sd = self._frames.pose_of(sample, "target")
             check_distance(pose_sd)
-        stamped = to_monotonic(sample.stamp_ns, now, MAX_AGE_NS, MAX_AHEAD_NS)
+        stamped = target_times(sample.stamp_ns, now)
         condition = "target stamps disagree with this clock; the time of arrival is used"
         self._status.set_condition(condition, stamped.skew_ns != 0, now)
         if self._state_machine.closed_loop:
@@ -338,7 +338,7 @@ class Controller:
     def _report(self, now: Instant, output: ControlOutput) -> None:
         self._status.note("limits")
         conditions = [*self._velocity_controller.conditions(output), *self._targets.warnings]
-        conditions += [text for text in (self._timer.warning, self._joint_states.skew_warning) if text]
+        conditions += late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
         self._status.note(REACH, self._targets.target_note)
         self._status.set_conditions(conditions, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING

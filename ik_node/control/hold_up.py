@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from ik_node.control.joint_states import JointStateMerger
 from ik_node.control.state_machine import StateMachine
-from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 
 CLOCK_MARGIN_S = 5.0 * CLOCK_PERIOD_S
 """Five periods of the clock calls. They detect silent joint states within one period of ``state.timeout_s``; a silence

@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.control.ramp import Ramp, ramp_to_zero
-from ik_node.control.status import CLOSED_LOOP, StatusReporter
+from ik_node.control.status import StatusReporter
 from ik_node.interfaces.clock import Instant
-from ik_node.interfaces.step import Level, Mode, Status
+from ik_node.interfaces.step import CLOSED_LOOP, Level, Mode, Status
 from ik_node.math.types import Array
 
 MOVING = (*CLOSED_LOOP, Mode.RAMPING)

@@ -6,14 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ik_node.interfaces.clock import NS, Instant
-from ik_node.interfaces.step import Level, Mode, Status
+from ik_node.interfaces.step import CLOSED_LOOP, Level, Status
 
 RELEASE_S = 0.25
 """A condition is reported for this time after it last held, so that one that flickers does not flood the topic."""
 _RELEASE_NS = round(RELEASE_S * NS)
-
-CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
-"""Modes in which the control law computes the commands."""
 
 REACH = "reach"
 """Subject of a note that concerns the active target, and is only added in the modes of :data:`CLOSED_LOOP`."""

@@ -4,6 +4,8 @@ Joint states that arrive and clock calls that are made are two measurements. Bot
 executor, so late clock calls mean that this machine does not keep up, whatever the driver publishes: of the joint
 states that wait DDS keeps the newest only, and those that it drops cannot be counted here. With clock calls on time the
 joint states themselves are too slow.
+
+A time without any of these calls is a hold-up: the process did not run, or one call took that long.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ik_node.interfaces.clock import NS
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S, HOLD_UP_S, LATE_PERIODS
 
 INTERVAL_SMOOTHING = 0.02
 """Weight of the newest interval in the running mean."""
@@ -27,16 +30,11 @@ MAX_RECOVERY_S = 16.0
 than a moving one; at most to this."""
 RELAPSE_S = 10.0
 """A stop within this time after the last one, or after the last restart, is its repetition."""
-CLOCK_PERIOD_S = 0.01
-"""Period of the clock calls, which detect missing inputs."""
 CLOCK_FRACTIONS = (0.7, 0.9)
 """Below the first fraction of their rate the clock calls are late and the machine does not keep up; above the second it
 does."""
 SLOW_FRACTIONS = (0.7, 0.85)
 """Fractions of ``rate_hz``: below the first a machine that does not keep up is reported, above the second no more."""
-LATE_PERIODS = 2.0
-"""A joint state that makes a control step is late when it arrives more than this many periods of ``rate_hz`` after the
-last one."""
 
 
 class EventRate(NamedTuple):
@@ -72,6 +70,10 @@ class TimerSnapshot(NamedTuple):
     states: int
     steps_late: int
     clock_calls: int
+    called_ns: int
+    held_up_ns: int
+    hold_ups: int
+    hold_ups_ns: int
 
 
 class StepTimer:
@@ -95,11 +97,15 @@ class StepTimer:
         """Number of joint states that make a control step, and arrived late: see :data:`LATE_PERIODS`."""
         self.clock_calls = 0
         """Number of clock calls; one is wanted every :data:`CLOCK_PERIOD_S`."""
+        self.held_up_ns = 0
+        """Monotonic time at which the last hold-up ended; 0 for none."""
+        self.hold_ups = 0
+        """Number of hold-ups, see :data:`HOLD_UP_S`."""
         self._rate_hz = rate_hz
         self._due_ns = 0
         self._due = EventRate(rate_hz)
         self._clock = EventRate(1.0 / CLOCK_PERIOD_S)
-        self._slow_ns = self._stopped_ns = 0
+        self._slow_ns = self._stopped_ns = self._called_ns = self._hold_ups_ns = 0
 
     def is_due(self, time_ns: int, now_ns: int) -> bool:
         """Counts a joint state and decides whether it makes a control step; keeps the mean rate below rate_hz.
@@ -130,8 +136,16 @@ class StepTimer:
         """Sets the running mean to the nominal period."""
         self.interval_s = self.period_s
 
+    def add_call(self, now_ns: int) -> None:
+        """Adds the monotonic time of a joint state, of any kind, or of a clock call."""
+        if self._called_ns and now_ns - self._called_ns > HOLD_UP_S * NS:
+            self.hold_ups, self._hold_ups_ns = self.hold_ups + 1, self._hold_ups_ns + now_ns - self._called_ns
+            self.held_up_ns = now_ns
+        self._called_ns = now_ns
+
     def add_clock_call(self, now_ns: int) -> None:
         """Counts a clock call at a monotonic time."""
+        self.add_call(now_ns)
         self.clock_calls += 1
         self._clock = self._clock.after(now_ns)
 
@@ -142,7 +156,7 @@ class StepTimer:
 
     def skip_clock_calls(self) -> None:
         """Leaves a time without clock calls, before the node is active, out of their rate. It ends now."""
-        self._clock = self._clock._replace(last_ns=0)
+        self._clock, self._called_ns = self._clock._replace(last_ns=0), 0
 
     def restart_delay_s(self, now_ns: int, shortest_s: float = 0.0) -> float:
         """Time without control after a stop at a monotonic time, s.
@@ -163,8 +177,14 @@ class StepTimer:
         return self.recovery_s
 
     def counts(self) -> dict[str, int]:
-        """Numbers of joint states that arrived, of those that were late, and of clock calls, for the diagnostics."""
-        return {"joint_states": self.states, "steps_late": self.steps_late, "clock_calls": self.clock_calls}
+        """Numbers of joint states, of late ones, of clock calls and of hold-ups, and the total time of these."""
+        return {
+            "joint_states": self.states,
+            "steps_late": self.steps_late,
+            "clock_calls": self.clock_calls,
+            "hold_ups": self.hold_ups,
+            "hold_ups_ms": self._hold_ups_ns * 1000 // NS,
+        }
 
     def _evaluate(self, now_ns: int) -> None:
         hz, clock = self._due.hz, self._clock.hz * CLOCK_PERIOD_S

@@ -35,8 +35,8 @@ class ControlOutput(NamedTuple):
     """Error at the measured position, and the twists of the feedback law."""
     solution: DifferentialIkSolution
     """Solution of the differential inverse kinematics; contains the command."""
-    elapsed_s: float
-    """Time since the previous command, s."""
+    held_since_ns: int
+    """Monotonic time of the previous command if it was held for longer than the limits hold; 0 otherwise."""
 
 
 class CommandSnapshot(NamedTuple):
@@ -192,10 +192,11 @@ class VelocityController:
                 integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
                 desired = desired._replace(twist_b=desired.twist_b + integral)
             solution = self.solver.solve_twist(arm, desired.twist_b)
+        held_since_ns = self.commanded_ns if elapsed_s > self.solver.limits.dt_max_s else 0
         self.command(solution.joint_velocity, now.monotonic_ns)
         self.task_scale = solution.task_scale
         self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
-        return ControlOutput(desired, solution, elapsed_s)
+        return ControlOutput(desired, solution, held_since_ns)
 
     def conditions(self, output: ControlOutput) -> list[str]:
         """Conditions of a control step for the status text."""
@@ -209,8 +210,6 @@ class VelocityController:
             found.append("slowed down by joint limits")
         if solution.relaxed:
             found.append("a joint limit was relaxed")
-        if output.elapsed_s > solver.limits.dt_max_s:
-            found.append("a command was held for longer than hold_periods")
         if not self._ik.converged:
             found.append("inverse kinematics found no solution near the last one")
         if self._slowing:

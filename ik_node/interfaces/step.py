@@ -47,6 +47,10 @@ class Mode(Enum):
     """Zero velocity was commanded at once; the controller stays stopped until it is reset."""
 
 
+CLOSED_LOOP = (Mode.HOLDING, Mode.TRACKING)
+"""Modes in which the control law computes the commands."""
+
+
 class Status(NamedTuple):
     """State of the controller with its reason."""
 

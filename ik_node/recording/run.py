@@ -41,6 +41,15 @@ class RecordedTargets(NamedTuple):
     frame_ids: tuple[str, ...]
 
 
+class CallTimes(NamedTuple):
+    """The c calls that a running node makes all the time, joint states and clock calls, and those that end a pause."""
+
+    times_s: Array
+    """(c,), on the axis of ``Run.times_s``, in the order in which they were made."""
+    resumed: NDArray[np.bool_]
+    """Whether the call ends a pause, (c,)."""
+
+
 class Run(NamedTuple):
     """A recorded run of k control steps and n joints.
 
@@ -84,6 +93,7 @@ class Run(NamedTuple):
     """Text field of a Step -> value per control step."""
     status_changes: tuple[StatusChange, ...]
     targets: RecordedTargets
+    calls: CallTimes
     dropped: int
     """Messages that the writer left out, according to the recording."""
     complete: bool

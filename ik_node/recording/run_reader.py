@@ -30,7 +30,7 @@ from ik_node.recording.call_log import open_recording, read_setup
 from ik_node.recording.input_table import TARGET_POSE
 from ik_node.recording.mcap.file import MAX_TIME_NS
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
-from ik_node.recording.run import RecordedTargets, Run, StatusChange
+from ik_node.recording.run import CallTimes, RecordedTargets, Run, StatusChange
 from ik_node.recording.run_recorder import (
     CALLS,
     PARAMETERS,
@@ -103,6 +103,7 @@ def load_run(path: str | Path, node: str = "") -> Run:
         texts=texts,
         status_changes=_changes(clock.now_ns, texts["status"], clock.start.monotonic_ns),
         targets=_targets(messages, clock),
+        calls=_call_times(messages.calls, clock),
         dropped=recording.dropped,
         complete=recording.complete,
     )
@@ -222,6 +223,14 @@ def _targets(messages: _Messages, clock: _Clock) -> RecordedTargets:
         position=np.array([sample.position for sample in samples]).reshape(-1, 3),
         quaternion_xyzw=np.array([sample.quaternion for sample in samples]).reshape(-1, 4),
         frame_ids=tuple(sample.frame_id for sample in samples),
+    )
+
+
+def _call_times(calls: list[Call], clock: _Clock) -> CallTimes:
+    used = [call for call in calls if call.kind in (CallKind.ON_JOINT_STATE, CallKind.ON_CLOCK, CallKind.RESUME)]
+    return CallTimes(
+        np.array([clock.of(call.now) for call in used], dtype=np.float64),
+        np.array([call.kind is CallKind.RESUME for call in used], dtype=np.bool_),
     )
 
 

@@ -40,7 +40,9 @@ def draw_pages(reported_runs: Sequence[ReportedRun]) -> tuple[ReportPage, ...]:
             "Solver", "Singular values, task scale s, clearance and both multiplier terms.", draw_solver(reported_runs)
         ),
         ReportPage(
-            "Timing and states", "Intervals between control steps; states with reasons.", draw_states(reported_runs)
+            "Timing and states",
+            "Intervals between control steps; hold-ups; age of the target; states with reasons.",
+            draw_states(reported_runs),
         ),
     )
 

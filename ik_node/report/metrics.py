@@ -13,6 +13,7 @@ from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
 from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
+from ik_node.report.lateness import LateStepMetrics, LateTargetMetrics, late_steps, late_targets
 from ik_node.report.tracking import TrackingMetrics, TrackingSeries, compare
 
 SETTLE_S = 1.0
@@ -126,6 +127,8 @@ class RunMetrics(NamedTuple):
     """Number of received target poses."""
     target_rate_hz: float
     target_too_fast: TooFastTarget
+    late_targets: LateTargetMetrics
+    late_steps: LateStepMetrics
     dropped: int
     """Messages that the recorder dropped."""
     complete: bool
@@ -169,6 +172,8 @@ def compute_metrics(
         targets=len(run.targets.times_s),
         target_rate_hz=_rate(run.targets.times_s),
         target_too_fast=_too_fast(run, durations_s),
+        late_targets=late_targets(run),
+        late_steps=late_steps(run),
         dropped=run.dropped,
         complete=run.complete,
         series=series,

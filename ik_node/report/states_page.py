@@ -1,4 +1,4 @@
-"""Intervals between control steps, and the controller's states with their reasons."""
+"""Intervals between control steps, age of the targets, hold-ups, and the controller's states with their reasons."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ik_node.report.canvas import new_figure
+from ik_node.report.lateness import hold_ups, target_age_s
 from ik_node.report.reported_run import ReportedRun, span_of, time_label
 from ik_node.report.style import GREY, decimate, page_heading, placeholder, run_legend
 from ik_node.report.timeline import draw_mode_bars, draw_numbers, state_intervals, write_reasons
@@ -20,26 +21,29 @@ LINE_CHARACTERS = 190
 
 
 def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
-    """Draws the page: control periods, mode bars, and the list of reasons."""
+    """Draws the page: control periods, ages of the target, hold-ups, mode bars, and the list of reasons."""
     lines = min(REASON_LINES, 2 + 2 * max(len(state_intervals(reported)) for reported in reported_runs))
-    figure = new_figure(5.6 + 0.1 * lines)
+    figure = new_figure(7.4 + 0.1 * lines)
     page_heading(figure, "Timing and states")
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
     bars = 0.32 + 0.2 * len(reported_runs)
     rows = figure.add_gridspec(
-        3, 1, height_ratios=(1.5, bars, 0.1 * lines), left=0.07, right=0.985, top=0.9, bottom=0.02, hspace=0.3
+        4, 1, height_ratios=(1.5, 1.2, bars, 0.1 * lines), left=0.07, right=0.985, top=0.92, bottom=0.02, hspace=0.36
     )
     top = rows[0].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
     _histogram(figure.add_subplot(top[0]), reported_runs)
     _periods(figure.add_subplot(top[1]), reported_runs)
-    axes = figure.add_subplot(rows[1])
+    middle = rows[1].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
+    _hold_ups(figure.add_subplot(middle[0]), reported_runs)
+    _target_age(figure.add_subplot(middle[1]), reported_runs)
+    axes = figure.add_subplot(rows[2])
     draw_mode_bars(axes, reported_runs, numbered=True)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))
     axes.set_title("Controller; the numbers refer to the reasons below")
     draw_numbers(axes, reported_runs)
-    columns = rows[2].subgridspec(1, len(reported_runs), wspace=0.04)
+    columns = rows[3].subgridspec(1, len(reported_runs), wspace=0.04)
     for index, reported in enumerate(reported_runs):
         reasons = figure.add_subplot(columns[index])
         if len(reported_runs) > 1:
@@ -82,6 +86,33 @@ def _periods(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         if len(reported.run.times_s) > 1:
             values = decimate(reported.times_s[1:], 1e3 * np.diff(reported.run.times_s))
             axes.plot(*values, color=reported.colour, linewidth=0.8)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(*_non_empty(span_of(reported_runs)))
+    axes.set_xlabel(time_label(reported_runs))
+
+
+def _target_age(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    axes.set_title("Age of the newest target at each control step [ms]")
+    ages = [1e3 * target_age_s(reported.run) for reported in reported_runs]
+    if not any(np.isfinite(age).any() for age in ages):
+        placeholder(axes, "no stream of target poses")
+        return
+    for reported, age in zip(reported_runs, ages, strict=True):
+        axes.plot(*decimate(reported.times_s, age), color=reported.colour, linewidth=0.8)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(*_non_empty(span_of(reported_runs)))
+    axes.set_xlabel(time_label(reported_runs))
+
+
+def _hold_ups(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """One line per hold-up, at its end."""
+    axes.set_title("Hold-ups: times in which the node made no call [ms]")
+    found = [hold_ups(reported.run) for reported in reported_runs]
+    if not any(len(entry.end_s) for entry in found):
+        placeholder(axes, "none")
+        return
+    for reported, entry in zip(reported_runs, found, strict=True):
+        axes.vlines(entry.end_s - reported.zero_s, 0.0, 1e3 * entry.duration_s, color=reported.colour, linewidth=1.0)
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))

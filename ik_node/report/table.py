@@ -7,6 +7,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from ik_node.report import quantities
+from ik_node.report.lateness import AgeMetrics
 from ik_node.report.quantities import NOT_AVAILABLE, DisplayedQuantity
 from ik_node.report.reported_run import ReportedRun, methods_of
 from ik_node.report.tracking import TrackingMetrics
@@ -64,6 +65,17 @@ def _with(quantity: DisplayedQuantity, name: str) -> DisplayedQuantity:
     return quantity._replace(name=name.format(quantity.name))
 
 
+def _ages(name: str, value: Callable[[ReportedRun], AgeMetrics]) -> tuple[tuple[str, _Cell], ...]:
+    """Median, 95th percentile and maximum of an age at the control steps."""
+    labels = ("median", "95th percentile", "max")
+    quantities_ms = [DisplayedQuantity(f"{name}, {label}", "ms", digits=1) for label in labels]
+    return (
+        _number(quantities_ms[0], lambda reported: value(reported).median_ms),
+        _number(quantities_ms[1], lambda reported: value(reported).p95_ms),
+        _number(quantities_ms[2], lambda reported: value(reported).max_ms),
+    )
+
+
 _MS = DisplayedQuantity("control period", "ms")
 _S = DisplayedQuantity("duration", "s", digits=2)
 _CELLS: tuple[tuple[str, _Cell], ...] = (
@@ -73,12 +85,22 @@ _CELLS: tuple[tuple[str, _Cell], ...] = (
     _number(_S, lambda reported: reported.metrics.duration_s),
     _number(_S._replace(name="first target at", digits=3), _first_target_s),
     ("targets", lambda reported: str(reported.metrics.targets)),
+    ("targets late", lambda reported: str(reported.metrics.late_targets.late)),
+    ("targets lost", lambda reported: str(reported.metrics.late_targets.lost)),
+    *_ages("age of the target", lambda reported: reported.metrics.late_targets.age),
     ("control steps", lambda reported: str(reported.metrics.ticks.number)),
     ("control steps not recorded", lambda reported: str(reported.metrics.ticks.missing)),
     _number(DisplayedQuantity("rate", "Hz", digits=1), lambda reported: reported.metrics.ticks.rate_hz),
     _number(_with(_MS, "{}, median"), lambda reported: reported.metrics.ticks.period_median_ms),
     _number(_with(_MS, "{}, 99th percentile"), lambda reported: reported.metrics.ticks.period_p99_ms),
     _number(_with(_MS, "{}, max"), lambda reported: reported.metrics.ticks.period_max_ms),
+    ("late control steps", lambda reported: str(reported.metrics.late_steps.late)),
+    ("of these by hold-ups of the node", lambda reported: str(reported.metrics.late_steps.by_hold_ups)),
+    ("commands held longer than hold_periods", lambda reported: str(reported.metrics.late_steps.held_too_long)),
+    ("hold-ups of the node", lambda reported: str(reported.metrics.late_steps.hold_ups)),
+    _number(_S._replace(name="hold-ups, time"), lambda reported: reported.metrics.late_steps.hold_ups_s),
+    _number(_MS._replace(name="longest hold-up"), lambda reported: reported.metrics.late_steps.hold_up_max_ms),
+    *_ages("age of the joint state", lambda reported: reported.metrics.late_steps.state_age),
     ("errors against", lambda reported: t.against if (t := reported.metrics.tracking) else NOT_AVAILABLE),
     ("settled", lambda reported: f"after {t.settle_s:g} s" if (t := reported.metrics.tracking) else NOT_AVAILABLE),
     *_tracking_errors(),

@@ -6,6 +6,7 @@ import json
 import math
 from typing import Any
 
+from ik_node.report.lateness import LateStepMetrics
 from ik_node.report.metrics import RunMetrics, ScalingMetrics, SingularityMetrics
 from ik_node.report.tracking import TrackingMetrics
 
@@ -28,8 +29,14 @@ def as_text(metrics: RunMetrics) -> str:
         f"period       median {ticks.period_median_ms:.3f} ms, std {ticks.period_std_ms:.3f}, "
         f"p99 {ticks.period_p99_ms:.3f}, max {ticks.period_max_ms:.3f}"
     )
+    lines += _late(metrics.late_steps)
     rate = "" if math.isnan(metrics.target_rate_hz) else f" at {metrics.target_rate_hz:.1f} Hz"
-    lines.append(f"targets      {metrics.targets} poses{rate}")
+    late = metrics.late_targets
+    lines.append(f"targets      {metrics.targets} poses{rate}; {late.late} late, {late.lost} lost")
+    if math.isfinite(late.age.max_ms):
+        lines.append(
+            f"target age   median {late.age.median_ms:.1f} ms, p95 {late.age.p95_ms:.1f}, max {late.age.max_ms:.1f}"
+        )
     if too_fast := metrics.target_too_fast.text:
         lines.append(
             f"too fast     {metrics.target_too_fast.duration_s:7.2f} s  {too_fast.removeprefix('the target ')}"
@@ -91,6 +98,18 @@ def _tracking(tracking: TrackingMetrics) -> list[str]:
         f"lag          position {_ms(tracking.lag_position_ms)}, rotation {_ms(tracking.lag_rotation_ms)}; residual "
         f"{tracking.position_rms_without_lag_mm:.3f} mm, {tracking.orientation_rms_without_lag_mrad:.3f} mrad",
     ]
+
+
+def _late(steps: LateStepMetrics) -> list[str]:
+    parts = [(steps.by_hold_ups, "by hold-ups of the node"), (steps.late - steps.by_hold_ups, "by late joint states")]
+    causes = ", ".join(f"{number} {cause}" for number, cause in parts if number)
+    lines = [f"late steps   {steps.late}" + (f": {causes}" if causes else "")]
+    if steps.hold_ups or steps.held_too_long:
+        lines.append(
+            f"hold-ups     {steps.hold_ups}, {steps.hold_ups_s:.2f} s, max {steps.hold_up_max_ms:.1f} ms; "
+            f"{steps.held_too_long} commands held too long"
+        )
+    return lines
 
 
 def _ms(lag_ms: float) -> str:

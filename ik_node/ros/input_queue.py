@@ -15,7 +15,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 
-from ik_node.control.step_timer import CLOCK_PERIOD_S
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS
 

@@ -20,10 +20,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from ik_node.control.controller import Controller
 from ik_node.control.joint_states import CONTRADICTION
-from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.jit import is_cold
 from ik_node.messages.encode import Outgoing

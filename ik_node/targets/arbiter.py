@@ -21,6 +21,7 @@ import numpy as np
 
 from ik_node.errors import InputError, TargetRefused
 from ik_node.interfaces.clock import NS, Instant, Stamped, to_monotonic
+from ik_node.interfaces.delivery import MAX_STAMP_AGE_S
 from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.samples import FARTHEST_M, PathSample, TrajectorySample, TwistSample
 from ik_node.math.numerics import checked_vector
@@ -42,8 +43,6 @@ from ik_node.targets.path.request import (
 )
 from ik_node.targets.stream.stream import StreamedPoses, StreamSnapshot
 
-MAX_STAMP_AGE_S = 1.0
-"""If the stamp of a target is older than this, the time of arrival is used instead."""
 SOURCE_CHANGES = 4
 """This many changes between two inputs ..."""
 SOURCE_CHANGES_WITHIN_S = 2.0
@@ -325,6 +324,11 @@ class TargetArbiter:
         """What makes the active target unreachable for the tool, in place or in time; empty for nothing."""
         too_fast = self._stream.too_fast if self._source is TargetSource.POSE else ""
         return "; ".join(filter(None, (self.out_of_reach, too_fast)))
+
+    @property
+    def gap_ns(self) -> int:
+        """Monotonic begin of the gap before the last pose in which the reference decelerated; 0 for none."""
+        return self._stream.gap_ns if self._source is TargetSource.POSE else 0
 
     @property
     def warnings(self) -> tuple[str, ...]:

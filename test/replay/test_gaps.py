@@ -11,8 +11,8 @@ import pytest
 from loop import READY, make_robot
 from mcap.writer import Writer
 
-from ik_node.control.step_timer import CLOCK_PERIOD_S
 from ik_node.interfaces.clock import NS
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.interfaces.step import Step
 from ik_node.messages.cdr import STORE
 from ik_node.messages.encode import encode_joint_state, encode_pose

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ik_node.control.step_timer import CLOCK_PERIOD_S
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.messages.step_codec import CallKind
 from ik_node.ros.input_queue import DEPTH, OVERDUE_S, SHARE, InputQueue
 

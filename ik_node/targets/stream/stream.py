@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from math import inf
 
 from ik_node.interfaces.clock import NS, Stamped
+from ik_node.interfaces.delivery import StreamDelivery, delivered
 from ik_node.interfaces.motion import Motion
 from ik_node.math.quaternion import conjugate, difference, from_matrix, length, multiply, to_rotation_vector
 from ik_node.math.types import Array
@@ -25,6 +26,7 @@ from ik_node.targets.stream.predictors import PredictorBank, new_bank, updated_b
 from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
 from ik_node.targets.stream.target_speed import TargetSpeed, too_fast_text, updated_speed
 from ik_node.targets.stream.tracking_filter import (
+    BRIDGE_PERIODS,
     NO_PREDICTION,
     PackedFilterState,
     StreamSample,
@@ -62,9 +64,9 @@ class StreamSnapshot:
     linear_latency: Latency = field(default_factory=Latency)
     angular_latency: Latency = field(default_factory=Latency)
     held: bool = False
-    samples: int = 0
+    delivery: StreamDelivery = field(default_factory=StreamDelivery)
+    gap_ns: int = 0
     duplicates: int = 0
-    late: int = 0
     reordered: int = 0
     speed: TargetSpeed = field(default_factory=TargetSpeed)
 
@@ -94,13 +96,13 @@ class StreamedPoses:
         self._pack_inputs()
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
-        """Starts at rest at ``pose_sd`` (4, 4) without samples and with all counters at zero."""
+        """Starts at rest at ``pose_sd`` (4, 4) without samples."""
         x, y, z = pose_sd[:3, 3].tolist()
         self.take_over(resting((x, y, z), from_matrix(pose_sd)), time_ns)
 
     def take_over(self, motion: RigidMotion, time_ns: int) -> None:
         """Starts as :meth:`start` does, with the pose and the velocity of another reference."""
-        self._state = StreamSnapshot(filter_state_from(motion, time_ns))
+        self._state = StreamSnapshot(filter_state_from(motion, time_ns), delivery=self._state.delivery)
         self._pack_inputs()
 
     def rest_at(self, motion: RigidMotion, time_ns: int) -> None:
@@ -119,7 +121,12 @@ class StreamedPoses:
             stamped: Its times.
         """
         s = self._state
-        s.samples += 1
+        s.delivery = delivered(s.delivery, stamped, self._bounds.timeout_s)
+        silent_periods = self.silent_s(stamped.received_ns) / self._gap_period_s
+        if s.newest and BRIDGE_PERIODS < silent_periods < self._bounds.timeout_s / self._gap_period_s:
+            s.gap_ns = s.newest.received_ns
+        elif silent_periods > REPEATED:  # samples that have queued up come together
+            s.gap_ns = 0
         x, y, z = pose_sd[:3, 3].tolist()
         sample = StreamSample(stamped.time_ns, stamped.received_ns, (x, y, z), from_matrix(pose_sd))
         on_arrival = stamped.time_ns == stamped.received_ns
@@ -184,10 +191,7 @@ class StreamedPoses:
         time_ns = sample.time_ns
         if bank.regular:
             time_ns += round((sampling_clock.offset_s - (sampling_clock.delay_s if on_arrival else 0.0)) * NS)
-        earliest_ns = sample.received_ns - round(LONGEST_TRANSPORT_S * NS)
-        if time_ns < earliest_ns:
-            s.late += 1
-            time_ns = earliest_ns
+        time_ns = max(time_ns, sample.received_ns - round(LONGEST_TRANSPORT_S * NS))
         s.curve = TargetCurve(time_ns, *bank.curve(), sample.orientation)
         linear, angular = bank.unpredictability
         s.linear_latency = s.linear_latency.moving_to(
@@ -274,9 +278,20 @@ class StreamedPoses:
         return latency_at(s.linear_latency, time_ns)[0], latency_at(s.angular_latency, time_ns)[0]
 
     @property
-    def samples(self) -> int:
-        """Number of samples since the start, including rejected ones."""
-        return self._state.samples
+    def gap_ns(self) -> int:
+        """Monotonic begin of the gap before the newest sample in which the reference decelerated; 0 for none."""
+        return self._state.gap_ns
+
+    def counts(self) -> dict[str, int]:
+        """Numbers of targets received, late and lost from the first one on, and the age of the newest, in ms."""
+        delivery, time_ns = self._state.delivery, self._state.filter_state.time_ns
+        age_ms = (time_ns - delivery.time_ns) * 1000 // NS if delivery.received else 0
+        return {
+            "targets": delivery.received,
+            "targets_late": delivery.late,
+            "targets_lost": delivery.lost,
+            "target_age_ms": max(age_ms, 0),
+        }
 
     @property
     def duplicates(self) -> int:
@@ -287,8 +302,3 @@ class StreamedPoses:
     def reordered(self) -> int:
         """Number of samples that arrived after a newer one and were ignored."""
         return self._state.reordered
-
-    @property
-    def late(self) -> int:
-        """Number of samples whose transport time was too long to be compensated."""
-        return self._state.late

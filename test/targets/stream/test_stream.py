@@ -310,7 +310,7 @@ def test_hold_comes_to_rest_and_stays() -> None:
     check_bounds(run)
     run.stream.start(run.poses[-1], ns(3.0))
     assert run.stream.goal_sd is None
-    assert run.stream.samples == 0
+    assert run.stream.gap_ns == 0
 
 
 def test_time_never_runs_backwards() -> None:

@@ -1,0 +1,133 @@
+"""What came late in a run: targets, joint states and control steps; and hold-ups of the node, from the recorded calls.
+
+The definitions are those of the node: :mod:`ik_node.interfaces.delivery`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.delivery import HOLD_UP_S, LATE_PERIODS, StreamDelivery, delivered, target_times
+from ik_node.interfaces.step import CLOSED_LOOP
+from ik_node.math.types import Array
+from ik_node.recording.run import Run
+
+
+class AgeMetrics(NamedTuple):
+    """Age at the control steps; NaN without any."""
+
+    median_ms: float
+    p95_ms: float
+    max_ms: float
+
+
+class LateTargetMetrics(NamedTuple):
+    """Targets of the stream that came late or are missing; see :class:`~ik_node.interfaces.delivery.StreamDelivery`."""
+
+    late: int
+    lost: int
+    age: AgeMetrics
+    """Of the newest target, since its stamp, in closed loop while the stream lasts."""
+
+
+class LateStepMetrics(NamedTuple):
+    """Control steps that came late in closed loop, and hold-ups: times in which the node made no call."""
+
+    late: int
+    """Control steps later than two control periods after the one before."""
+    by_hold_ups: int
+    """Those with a hold-up in between; for the others the joint states came late."""
+    held_too_long: int
+    """Commands that were held for longer than ``limits.hold_periods``."""
+    state_age: AgeMetrics
+    """Of the joint state, since its stamp."""
+    hold_ups: int
+    hold_ups_s: float
+    hold_up_max_ms: float
+    """0 for none."""
+
+
+class HoldUps(NamedTuple):
+    """Times in which the node made no call, in the order of time."""
+
+    end_s: Array
+    """(h,), on the axis of ``Run.times_s``."""
+    duration_s: Array
+    """(h,)"""
+
+
+def late_targets(run: Run) -> LateTargetMetrics:
+    """Late and lost targets of a run."""
+    delivery = _deliveries(run)[-1]
+    return LateTargetMetrics(delivery.late, delivery.lost, _age(target_age_s(run)))
+
+
+def late_steps(run: Run) -> LateStepMetrics:
+    """Late control steps and hold-ups of a run."""
+    found, rate_hz = hold_ups(run), _setting(run, "rate_hz")
+    begin, end = run.times_s[:-1], run.times_s[1:]
+    counts = _closed_loop(run)[:-1] & (np.diff(run.tick) == 1)
+    late = counts & (end - begin > LATE_PERIODS / rate_hz)
+    held_up = np.searchsorted(found.end_s, end, side="right") > np.searchsorted(found.end_s, begin, side="right")
+    return LateStepMetrics(
+        late=int(late.sum()),
+        by_hold_ups=int((late & held_up).sum()),
+        held_too_long=int((counts & (end - begin > _setting(run, "limits.hold_periods") / rate_hz)).sum()),
+        state_age=_age((run.times_s - run.state_times_s)[_closed_loop(run)]),
+        hold_ups=len(found.end_s),
+        hold_ups_s=float(found.duration_s.sum()),
+        hold_up_max_ms=1e3 * float(found.duration_s.max(initial=0.0)),
+    )
+
+
+def hold_ups(run: Run) -> HoldUps:
+    """Hold-ups of a run. A pause of the node, which ends with ``resume``, is none."""
+    duration_s = np.diff(run.calls.times_s)
+    is_hold_up = (duration_s > HOLD_UP_S) & ~run.calls.resumed[1:]
+    return HoldUps(run.calls.times_s[1:][is_hold_up], duration_s[is_hold_up])
+
+
+def target_age_s(run: Run) -> Array:
+    """Age of the newest target at each control step, (k,), s.
+
+    NaN before the first target, after the end of a stream (``target.timeout_s`` after its last target) and where the
+    control law is not active.
+    """
+    newest = np.searchsorted(run.targets.times_s, run.times_s, side="right")
+    taken_s = np.array([np.nan, *(delivery.time_ns / NS for delivery in _deliveries(run)[1:])])
+    received_s = np.append(-np.inf, run.targets.times_s)
+    active = _closed_loop(run) & (run.times_s - received_s[newest] <= _setting(run, "target.timeout_s"))
+    result: Array = np.where(active, run.times_s - taken_s[newest], np.nan)
+    return result
+
+
+def _deliveries(run: Run) -> list[StreamDelivery]:
+    """Figures before the first target and after each."""
+    found, timeout_s, targets = [StreamDelivery()], _setting(run, "target.timeout_s"), run.targets
+    stamps = zip(targets.times_s.tolist(), targets.received_ros_ns.tolist(), targets.stamp_ns.tolist(), strict=True)
+    for time_s, ros_ns, stamp_ns in stamps:
+        now = Instant(round(time_s * NS), ros_ns)
+        found.append(delivered(found[-1], target_times(stamp_ns, now), timeout_s))
+    return found
+
+
+def _age(values_s: Array) -> AgeMetrics:
+    known = 1e3 * values_s[np.isfinite(values_s)]
+    if not len(known):
+        return AgeMetrics(math.nan, math.nan, math.nan)
+    return AgeMetrics(float(np.median(known)), float(np.percentile(known, 95.0)), float(known.max()))
+
+
+def _closed_loop(run: Run) -> NDArray[np.bool_]:
+    return np.array([status.mode in CLOSED_LOOP for status in run.status], dtype=bool)
+
+
+def _setting(run: Run, name: str) -> float:
+    """Value of a parameter at the start; NaN when it was not recorded."""
+    value = run.settings.get(name)
+    return float(value) if isinstance(value, (int, float)) else math.nan

@@ -37,6 +37,7 @@ from benchmarks.tracking_targets import READY, known, laid_at, panda, start_of_s
 from ik_node.errors import IkNodeError, InputError
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.math.types import Array
+from ik_node.report import as_plain
 from ik_node.robot.robot import Robot
 
 NOISE_RAD = 2e-5
@@ -166,6 +167,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--dds", action="store_true", help="also run the streams over DDS with the node, as ik_demo does"
     )
+    result.add_argument(
+        "--load", action="store_true", help="over DDS: also with one busy process per core, without requirements"
+    )
     result.add_argument("--json", action="store_true", help="one object per line instead of the tables")
     return result
 
@@ -188,6 +192,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         not given.no_search,
     )
     parts = [given.only] if given.only else [part for part in PARTS if part != "dds" or given.dds]
+    if given.load and "dds" not in parts:
+        raise InputError("--load has no effect without --dds or --only dds")
     requirements: list[Requirement] = []
     if not options.as_json:
         print(HEAD)
@@ -195,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if part == "known":
             found = known_part(options)
         elif part == "dds":
-            found = tracking_dds.part(options.data, options.name, options.seconds)
+            found = tracking_dds.part(options.data, options.name, options.seconds, given.load)
         else:
             found = stream_part(part, options)
         for title, rows, required in found:
@@ -218,7 +224,8 @@ def _print(part: str, title: str, rows: list[FollowerResult], requirements: list
         for row in rows:
             figures = {"position": row.linear._asdict(), "orientation": row.angular._asdict()}
             line = {"part": part, "title": title, "follower": row.name, "search": row.search, **figures}
-            print(json.dumps({**line, "joints": row.joints._asdict()}), flush=True)
+            late = {} if row.late is None else {"late": as_plain(row.late)}
+            print(json.dumps({**line, "joints": row.joints._asdict(), **late}), flush=True)
         for requirement in requirements:
             judged = {"requirement": requirement._asdict(), "met": requirement.met}
             print(json.dumps({"part": part, "title": title, **judged}), flush=True)
@@ -226,6 +233,8 @@ def _print(part: str, title: str, rows: list[FollowerResult], requirements: list
     print(f"\n{title}")
     for row in rows:
         print(f"  {row.line()}")
+        if row.late is not None:
+            print(f"  {row.late.line()}")
     for row in rows:
         if row.search:
             print(f"  search {row.name}: " + ", ".join(f"{gain:.4g}: {score:.3g}" for gain, score in row.search))

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import os
+import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from benchmarks import stream_data
-from benchmarks.stream_data import Stream
+from benchmarks.stream_data import RECORDINGS, Stream
 from benchmarks.stream_metrics import TICK_S, ReferenceTrack, Track, counted, smoothness, stream_metrics
-from benchmarks.tracking_rows import NODE, FollowerResult, Requirement
+from benchmarks.tracking_rows import NODE, FollowerResult, LateInputs, Requirement
 from benchmarks.tracking_targets import READY, panda, start_of_streams
+from ik_node import resources
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.step import Mode
@@ -27,7 +31,10 @@ from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
 from ik_node.report import GROUND_TRUTH_FILE
 from ik_node.report.ground_truth import GroundTruth, Poses, read_ground_truth
+from ik_node.report.lateness import late_steps, late_targets
 from ik_node.report.tracking import measured_poses
+from ik_node.robot.catalogue import robot_from_settings
+from ik_node.settings.parameter_file import read_settings
 from ik_node.trajectory.pose_file import read
 from ik_node.trajectory.pose_file_format import PoseFileFormat
 from ik_node.trajectory.sampled import SampledTrajectory
@@ -35,6 +42,18 @@ from ik_node.trajectory.sampled import SampledTrajectory
 RATE_HZ = 30.0
 MADE = "wander"
 """Name of the generated stream."""
+
+
+LETTER = PoseFileFormat(units="cm", duration_s=10.0)
+MORE = (
+    ("letter l", "handwriting/l.npy", LETTER),
+    ("letter o", "handwriting/o.npy", LETTER),
+    ("co-manipulation 1", "comanipulation/symbol17_rec1.csv", PoseFileFormat(relative=True, duration_s=5.471)),
+    ("co-manipulation 2", "comanipulation/symbol17_rec2.csv", PoseFileFormat(relative=True, duration_s=8.647)),
+)
+"""Recordings that only this part runs: name, path below the folder of data, format."""
+JOINT_POSITIONS, JOINT_ROBOT = "ur10e_excitation/ur-20_02_10-30sec_12harm.csv", "ur10"
+"""Recorded joint positions without a header: time, then those of all joints; and the arm."""
 
 
 class Sent(NamedTuple):
@@ -45,28 +64,70 @@ class Sent(NamedTuple):
     how: PoseFileFormat
     rate_hz: float | None
     """None: the times in the file."""
+    arm: tuple[str, ...] = ("--robot", "panda")
+    """Options of ik_demo."""
 
 
-def part(data: Path, name: str, seconds: float) -> Iterator[tuple[str, list[FollowerResult], list[Requirement]]]:
-    """Yield titles, rows and requirements; ``seconds`` of each stream, 0 for all of it."""
+def part(
+    data: Path, name: str, seconds: float, load: bool = False
+) -> Iterator[tuple[str, list[FollowerResult], list[Requirement]]]:
+    """Yield titles, rows and requirements; ``seconds`` of each stream, 0 for all of it.
+
+    With ``load`` each stream is run again with one busy process per core; that run has no requirements.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch, "wander.csv")
         write_wander(made)
-        for sent in (Sent(MADE, made, _placed(PoseFileFormat(relative=True)), RATE_HZ), *_real(data)):
-            if name in sent.name:
-                title = f"{sent.name}, over DDS"
-                row, period_s = tracked(sent, Path(scratch, sent.name.replace(" ", "_")), seconds)
-                yield title, [row], _demands(title, row, period_s)
+        for sent in (Sent(MADE, made, _placed(PoseFileFormat(relative=True)), RATE_HZ), *_real(data, Path(scratch))):
+            if name not in sent.name:
+                continue
+            for is_busy in (False, True) if load else (False,):
+                title = f"{sent.name}, over DDS, load {os.getloadavg()[0]:.1f} before"
+                title += ", every core busy" if is_busy else ""
+                out = Path(scratch, f"{sent.name.replace(' ', '_')}_{is_busy}")
+                with busy_cores() if is_busy else nullcontext():
+                    row, period_s = tracked(sent, out, seconds)
+                yield title, [row], [] if is_busy else _demands(title, row, period_s)
 
 
-def _real(data: Path) -> Iterator[Sent]:
-    missing = stream_data.absent(data)
-    if "task board" not in missing:
-        file = data / stream_data.TASK_BOARD
-        yield Sent("task board", file, stream_data.task_board_format(data), None)
-    for name, place, how in stream_data.RECORDINGS[:4]:
-        if name not in missing:
-            yield Sent(name, data / place, _placed(how), RATE_HZ)
+@contextmanager
+def busy_cores() -> Iterator[None]:
+    """Keep every core busy with one process."""
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+
+
+def _real(data: Path, scratch: Path) -> Iterator[Sent]:
+    """Yield the streams in the folder of real recordings; those that are absent are named."""
+    board = Sent("task board", data / stream_data.TASK_BOARD, stream_data.task_board_format(data), None)
+    recordings = (Sent(name, data / place, _placed(how), RATE_HZ) for name, place, how in (*RECORDINGS, *MORE))
+    for sent in (board, *recordings):
+        if sent.file.exists():
+            yield sent
+        else:
+            print(f"{sent.name}: skipped, {data} does not hold it; '{MADE}' covers the same", file=sys.stderr)
+    if (data / JOINT_POSITIONS).exists():
+        yield joint_motion(data / JOINT_POSITIONS, scratch)
+    else:
+        print(f"joint excitation: skipped, {data} does not hold it", file=sys.stderr)
+
+
+def joint_motion(file: Path, scratch: Path) -> Sent:
+    """Return the tool poses of recorded joint positions, for the same arm from the same start."""
+    table = np.loadtxt(file, delimiter=",", usecols=range(7))
+    config = resources.config_file(f"{JOINT_ROBOT}.yaml")
+    robot = robot_from_settings(read_settings(config).arm)
+    poses = scratch / "joint_motion.csv"
+    write_poses(poses, table[:, 0] - table[0, 0], [robot.pose(q) for q in table[:, 1:]])
+    placed = scratch / config.name
+    start = f"initial_position: {table[0, 1:].tolist()}"
+    placed.write_text(re.sub(r"initial_position: .*", start, config.read_text(encoding="utf-8")), encoding="utf-8")
+    return Sent("joint excitation", poses, PoseFileFormat(), None, ("--config", str(placed)))
 
 
 def _placed(how: PoseFileFormat) -> PoseFileFormat:
@@ -79,11 +140,16 @@ def _placed(how: PoseFileFormat) -> PoseFileFormat:
 def write_wander(path: Path) -> None:
     """Write a dense random walk to a file, from which ik_demo samples."""
     wander = stream_data.RandomWalk()
+    times_s = np.arange(0.0, wander.duration_s, 0.01)
+    write_poses(path, times_s, [wander.pose(time_s) for time_s in times_s.tolist()])
+
+
+def write_poses(path: Path, times_s: Array, poses: Sequence[Array]) -> None:
+    """Write poses (4, 4) at times (N,) to a CSV file."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(("time", "x", "y", "z", "qx", "qy", "qz", "qw"))
-        for time_s in np.arange(0.0, wander.duration_s, 0.01).tolist():
-            pose = wander.pose(time_s)
+        for time_s, pose in zip(times_s.tolist(), poses, strict=True):
             writer.writerow((time_s, *pose[:3, 3], *se3.quaternion_from_rotation(pose[:3, :3])))
 
 
@@ -92,7 +158,7 @@ def tracked(sent: Sent, out: Path, seconds: float) -> tuple[FollowerResult, floa
 
     Raises IkNodeError with the output of ik_demo when ik_demo fails.
     """
-    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--robot", "panda", "--out", str(out)]
+    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", *sent.arm, "--out", str(out)]
     command += ["--trajectory", str(sent.file), *_arguments(sent.how)]
     if seconds and seconds < read(sent.file, sent.how).times_s[-1]:
         command += ["--end", str(seconds)]
@@ -139,7 +205,8 @@ def measured(run: Run, truth: GroundTruth) -> tuple[FollowerResult, float]:
     slowed_s = TICK_S * float(np.count_nonzero(run.scale[commanded] < 1.0))
     stopped_s = _stopped_s(run, begin_s, begin_s + duration_s)
     row = FollowerResult(name, linear, angular, smoothness(np.stack(velocity, axis=1), TICK_S), (), slowed_s, stopped_s)
-    return row, float(np.median(np.diff(times_s)))
+    late = LateInputs(len(run.targets.times_s), late_targets(run), late_steps(run))
+    return row._replace(late=late), float(np.median(np.diff(times_s)))
 
 
 def _stopped_s(run: Run, begin_s: float, end_s: float) -> float:

@@ -23,6 +23,7 @@ from benchmarks.tracking_arm import ArmFollower, ArmVariant, BaselineController,
 from ik_node.interfaces.clock import Stamped
 from ik_node.interfaces.samples import PathSample, TrajectorySample
 from ik_node.math.types import Array
+from ik_node.report.lateness import LateStepMetrics, LateTargetMetrics
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings, TargetSettings
 
@@ -38,6 +39,25 @@ STILL = 1e-6
 SEARCHED_S = 15.0
 
 
+class LateInputs(NamedTuple):
+    """What came late in a run of the node."""
+
+    targets: int
+    late_targets: LateTargetMetrics
+    late_steps: LateStepMetrics
+
+    def line(self) -> str:
+        """Return a line of the table."""
+        age, state, steps = self.late_targets.age, self.late_steps.state_age, self.late_steps
+        return (
+            f"{self.targets} targets, {self.late_targets.late} late, {self.late_targets.lost} lost; age of the target "
+            f"{age.median_ms:.0f}, {age.p95_ms:.0f}, {age.max_ms:.0f} ms, of the joint state {state.median_ms:.1f}, "
+            f"{state.p95_ms:.1f}, {state.max_ms:.0f} ms (median, p95, max); {steps.late} steps late, "
+            f"{steps.by_machine} by this machine; {steps.held_too_long} commands held too long; "
+            f"{steps.hold_ups} hold-ups, {steps.hold_ups_s:.2f} s, max {steps.hold_up_max_ms:.0f} ms"
+        )
+
+
 class FollowerResult(NamedTuple):
     """Figures of one follower."""
 
@@ -51,6 +71,8 @@ class FollowerResult(NamedTuple):
     """Time with s < 1."""
     stopped_s: float = 0.0
     """Time without control, because the arm was diagnosed as not following."""
+    late: LateInputs | None = None
+    """Of runs of the node over DDS."""
 
     def line(self) -> str:
         """Return a line of the table."""

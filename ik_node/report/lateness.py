@@ -32,7 +32,7 @@ class LateTargetMetrics(NamedTuple):
     late: int
     lost: int
     age: AgeMetrics
-    """Of the newest target, since its stamp, in closed loop while the stream lasts."""
+    """Of the newest target, since its stamp, in closed loop while a stream lasts."""
 
 
 class LateStepMetrics(NamedTuple):
@@ -40,8 +40,9 @@ class LateStepMetrics(NamedTuple):
 
     late: int
     """Control steps later than two control periods after the one before."""
-    by_hold_ups: int
-    """Those with a hold-up in between; for the others the joint states came late."""
+    by_machine: int
+    """Those with a hold-up in between, or whose joint state was measured in time and waited. For the others the joint
+    state itself was late."""
     held_too_long: int
     """Commands that were held for longer than ``limits.hold_periods``."""
     state_age: AgeMetrics
@@ -72,11 +73,13 @@ def late_steps(run: Run) -> LateStepMetrics:
     found, rate_hz = hold_ups(run), _setting(run, "rate_hz")
     begin, end = run.times_s[:-1], run.times_s[1:]
     counts = _closed_loop(run)[:-1] & (np.diff(run.tick) == 1)
-    late = counts & (end - begin > LATE_PERIODS / rate_hz)
+    limit_s = LATE_PERIODS / rate_hz
+    late = counts & (end - begin > limit_s)
+    waited = np.diff(run.state_times_s) <= limit_s
     held_up = np.searchsorted(found.end_s, end, side="right") > np.searchsorted(found.end_s, begin, side="right")
     return LateStepMetrics(
         late=int(late.sum()),
-        by_hold_ups=int((late & held_up).sum()),
+        by_machine=int((late & (held_up | waited)).sum()),
         held_too_long=int((counts & (end - begin > _setting(run, "limits.hold_periods") / rate_hz)).sum()),
         state_age=_age((run.times_s - run.state_times_s)[_closed_loop(run)]),
         hold_ups=len(found.end_s),
@@ -95,13 +98,13 @@ def hold_ups(run: Run) -> HoldUps:
 def target_age_s(run: Run) -> Array:
     """Age of the newest target at each control step, (k,), s.
 
-    NaN before the first target, after the end of a stream (``target.timeout_s`` after its last target) and where the
-    control law is not active.
+    NaN before the first target of a stream and after its last one, which no other follows within ``target.timeout_s``;
+    and where the control law is not active.
     """
     newest = np.searchsorted(run.targets.times_s, run.times_s, side="right")
     taken_s = np.array([np.nan, *(delivery.time_ns / NS for delivery in _deliveries(run)[1:])])
-    received_s = np.append(-np.inf, run.targets.times_s)
-    active = _closed_loop(run) & (run.times_s - received_s[newest] <= _setting(run, "target.timeout_s"))
+    gap_s = np.diff(run.targets.times_s, prepend=-np.inf, append=np.inf)
+    active = _closed_loop(run) & (gap_s[newest] <= _setting(run, "target.timeout_s"))
     result: Array = np.where(active, run.times_s - taken_s[newest], np.nan)
     return result
 

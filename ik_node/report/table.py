@@ -95,7 +95,7 @@ _CELLS: tuple[tuple[str, _Cell], ...] = (
     _number(_with(_MS, "{}, 99th percentile"), lambda reported: reported.metrics.ticks.period_p99_ms),
     _number(_with(_MS, "{}, max"), lambda reported: reported.metrics.ticks.period_max_ms),
     ("late control steps", lambda reported: str(reported.metrics.late_steps.late)),
-    ("of these by hold-ups of the node", lambda reported: str(reported.metrics.late_steps.by_hold_ups)),
+    ("of these by the machine of the node", lambda reported: str(reported.metrics.late_steps.by_machine)),
     ("commands held longer than hold_periods", lambda reported: str(reported.metrics.late_steps.held_too_long)),
     ("hold-ups of the node", lambda reported: str(reported.metrics.late_steps.hold_ups)),
     _number(_S._replace(name="hold-ups, time"), lambda reported: reported.metrics.late_steps.hold_ups_s),

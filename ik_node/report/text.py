@@ -78,9 +78,9 @@ def as_json(metrics: RunMetrics) -> str:
     return json.dumps(as_plain(metrics), indent=2, allow_nan=False)
 
 
-def as_plain(metrics: RunMetrics) -> dict[str, Any]:
-    """The content of :func:`as_json` as dictionaries, lists and plain values."""
-    plain: dict[str, Any] = _plain(metrics._replace(series=None))
+def as_plain(metrics: RunMetrics | tuple[Any, ...]) -> dict[str, Any]:
+    """The content of :func:`as_json`, or of a part of the metrics, as dictionaries, lists and plain values."""
+    plain: dict[str, Any] = _plain(metrics)
     return plain
 
 
@@ -101,7 +101,7 @@ def _tracking(tracking: TrackingMetrics) -> list[str]:
 
 
 def _late(steps: LateStepMetrics) -> list[str]:
-    parts = [(steps.by_hold_ups, "by hold-ups of the node"), (steps.late - steps.by_hold_ups, "by late joint states")]
+    parts = [(steps.by_machine, "by this machine"), (steps.late - steps.by_machine, "by late joint states")]
     causes = ", ".join(f"{number} {cause}" for number, cause in parts if number)
     lines = [f"late steps   {steps.late}" + (f": {causes}" if causes else "")]
     if steps.hold_ups or steps.held_too_long:

@@ -73,11 +73,22 @@ def test_made_streams_are_tracked_as_asked(stream: str, arm: str) -> None:
 def test_runs_over_dds_are_measured_with_the_same_code() -> None:
     """Streamed targets are followed within millimetres; the exact error depends on the machine."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
-    ran = tracking("--only", "dds", "--name", "random walk", "--seconds", "3")
-    (row,) = [row for row in ran.rows() if "follower" in row]
-    assert row["follower"].startswith("ik_node, ticks to")
-    assert 0.0 < row["position"]["rms"] < 50.0
+    ran = tracking("--only", "dds", "--name", "wander", "--seconds", "3", "--load")
+    rows = [row for row in ran.rows() if "follower" in row]
+    assert ["every core busy" in row["title"] for row in rows] == [False, True]
+    for row in rows:
+        assert row["follower"].startswith("ik_node, ticks to")
+        assert row["position"]["rms"] > 0.0
+        assert row["late"]["targets"] > 80
+        assert row["late"]["late_steps"]["state_age"]["max_ms"] > 0.0
+    assert rows[0]["position"]["rms"] < 50.0
     assert len(demands_of(ran)) == 2
+
+
+def test_load_without_dds_is_refused() -> None:
+    ran = tracking("--only", "made", "--load")
+    assert ran.code == 2
+    assert "--load has no effect without --dds or --only dds" in ran.err
 
 
 def test_figures_over_nothing_are_refused() -> None:

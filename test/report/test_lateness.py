@@ -65,7 +65,7 @@ def test_the_report_repeats_the_counts_of_the_node(run: tuple[Run, dict[str, int
     assert targets.lost == 3
     assert targets.late == 2, "of the hold-up of 60 ms, those older than a period"
     assert steps.late == counts["steps_late"] == 4
-    assert steps.by_hold_ups == 3
+    assert steps.by_machine == 3
     assert steps.held_too_long == 4, "longer than 10 ms"
     assert steps.hold_up_max_ms == pytest.approx(60.0)
     assert hold_ups(run[0]).duration_s.tolist() == pytest.approx([0.02, 0.03, 0.06])
@@ -79,7 +79,7 @@ def test_a_disturbed_run_replays(run: tuple[Run, dict[str, int]], bag: Path) -> 
 def test_the_figures_are_in_text_json_and_table(run: tuple[Run, dict[str, int]]) -> None:
     metrics = compute_metrics(run[0])
     lines = as_text(metrics).splitlines()
-    assert "late steps   4: 3 by hold-ups of the node, 1 by late joint states" in lines
+    assert "late steps   4: 3 by this machine, 1 by late joint states" in lines
     assert "hold-ups     3, 0.11 s, max 60.0 ms; 4 commands held too long" in lines
     assert any(line.startswith("targets ") and line.endswith("; 2 late, 3 lost") for line in lines)
     plain = json.loads(as_json(metrics))
@@ -101,7 +101,7 @@ def test_the_age_of_the_target_includes_its_transport(tmp_path: Path, transport_
     age = compute_metrics(found).late_targets.age
     assert np.isnan(ages[found.times_s < found.targets.times_s[0]]).all()
     assert age.max_ms == pytest.approx(20.0 + transport_ms, abs=2.1)
-    settled = 1e3 * ages[found.times_s > 1.1]
+    settled = 1e3 * ages[(found.times_s > 1.1) & np.isfinite(ages)]
     assert settled.min() == pytest.approx(transport_ms, abs=1.1)
     assert np.median(settled) == pytest.approx(10.0 + transport_ms, abs=2.1)
 
@@ -113,6 +113,6 @@ def test_after_the_end_of_a_stream_the_target_has_no_age(tmp_path: Path) -> None
 
     found, _ = recorded(tmp_path / "bag", ended)
     ages, last_s = target_age_s(found), found.targets.times_s[-1]
-    assert np.isnan(ages[found.times_s > last_s + 0.51]).all()
-    assert np.isfinite(ages[(found.times_s > 0.1) & (found.times_s < last_s + 0.49)]).all()
+    assert np.isnan(ages[found.times_s > last_s]).all()
+    assert np.isfinite(ages[(found.times_s > 0.1) & (found.times_s < last_s)]).all()
     assert compute_metrics(found).late_targets.lost == 0

@@ -70,10 +70,10 @@ class TimerSnapshot(NamedTuple):
     states: int
     steps_late: int
     clock_calls: int
-    called_ns: int
-    held_up_ns: int
-    hold_ups: int
-    hold_ups_ns: int
+    called_ns: int = 0
+    held_up_ns: int = 0
+    hold_ups: int = 0
+    hold_ups_ns: int = 0
 
 
 class StepTimer:

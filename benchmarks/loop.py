@@ -78,8 +78,9 @@ def _without_regulation(
         jacobian = robot.evaluate(arm_state.q_middle).jacobian_b
         answer = constrained.solve(*modify(jacobian, twist_b), bounds.lo, bounds.hi, row_scale=ROW_SCALE)
         sigma = np.asarray(np.linalg.svd(ROW_SCALE[:, None] * jacobian, compute_uv=False))
+        off = jacobian @ answer.joint_velocity - answer.task_scale * twist_b
         return DifferentialIkSolution(
-            answer.joint_velocity, answer.task_scale, 1.0, nothing, unknown, unknown, sigma, (), (), NO_PAIR
+            answer.joint_velocity, answer.task_scale, 1.0, nothing, off, (), unknown, unknown, sigma, (), (), NO_PAIR
         )
 
     return way

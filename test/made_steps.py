@@ -23,7 +23,7 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
     """Return a Step of random numbers; the same arguments give the same bits."""
     rng = np.random.default_rng((seed, tick, n))
     monotonic_ns = 3 * NS + 7 + tick * period_ns
-    twists = [rng.normal(size=6) for _ in range(4)]
+    twists = [rng.normal(size=6) for _ in range(5)]
     twists[3][:] = -0.0
     binding = ("velocity panda_joint4", "position panda_joint2") if tick % 5 == 3 else ()
     return Step(
@@ -38,11 +38,13 @@ def made_step(tick: int, n: int, seed: int = 0, period_ns: int = 2_000_000) -> S
         feedforward_b=twists[1],
         twist_b=twists[2],
         truncated_b=twists[3],
+        off_direction_b=twists[4],
         scale=float(rng.uniform()),
         multiplier_task=rng.normal(size=6),
         multiplier_potential=np.full(6, 5e-324),
         singular_values=np.sort(rng.uniform(size=min(6, n)))[::-1].copy(),
         binding=binding,
+        off_direction_limits=binding[:1],
         clearance=float(rng.uniform()) if tick % 2 else float("nan"),
         progress=float(rng.uniform()),
         path_distance=float("nan"),
@@ -61,7 +63,15 @@ def stopped_step(tick: int, n: int) -> Step:
         for name, value in step._asdict().items()
         if isinstance(value, np.ndarray) and name not in ("joint_position", "joint_velocity")
     }
-    return step._replace(joint_velocity=np.zeros(n), scale=nan, clearance=nan, status=STOPPED, binding=(), **nothing)
+    return step._replace(
+        joint_velocity=np.zeros(n),
+        scale=nan,
+        clearance=nan,
+        status=STOPPED,
+        binding=(),
+        off_direction_limits=(),
+        **nothing,
+    )
 
 
 def same_bits(first: object, second: object) -> bool:

@@ -20,7 +20,7 @@ from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.late_inputs import late_conditions
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
-from ik_node.control.status import REACH, StatusSnapshot
+from ik_node.control.status import DIRECTION, REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step, open_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
@@ -337,10 +337,12 @@ class Controller:
 
     def _report(self, now: Instant, output: ControlOutput) -> None:
         self._status.note("limits")
-        conditions = [*self._velocity_controller.conditions(output), *self._targets.warnings]
-        conditions += late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
+        late = late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
         self._status.note(REACH, self._targets.target_note)
-        self._status.set_conditions(conditions, now)
+        self._status.note(DIRECTION, self._velocity_controller.off_direction.text)
+        self._status.set_conditions(
+            (*self._velocity_controller.conditions(output), *self._targets.warnings, *late), now
+        )
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))
 

@@ -13,7 +13,13 @@ RELEASE_S = 0.25
 _RELEASE_NS = round(RELEASE_S * NS)
 
 REACH = "reach"
-"""Subject of a note that concerns the active target, and is only added in the modes of :data:`CLOSED_LOOP`."""
+"""Subject of the note on a target out of reach."""
+
+DIRECTION = "direction"
+"""Subject of the note on motion off the direction of the twist."""
+
+ON_MOTION = (REACH, DIRECTION)
+"""Subjects of notes that concern the present motion, and are only added in the modes of :data:`CLOSED_LOOP`."""
 
 
 class StatusSnapshot(NamedTuple):
@@ -60,11 +66,11 @@ class StatusReporter:
     def set(self, base: Status) -> None:
         """Sets mode and reason. Added texts raise the level to a warning.
 
-        Notes are always added, except that on :data:`REACH`; it and conditions are added only while the control law
-        computes the commands.
+        Notes are always added, except those of :data:`ON_MOTION`; they and conditions are added only while the control
+        law computes the commands.
         """
         active = base.mode in CLOSED_LOOP
-        notes = (text for subject, text in self._notes.items() if active or subject != REACH)
+        notes = (text for subject, text in self._notes.items() if active or subject not in ON_MOTION)
         texts = [*(self._until if active else ()), *notes]
         if texts:
             level = base.level if base.level is Level.ERROR else Level.WARN

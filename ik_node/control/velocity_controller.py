@@ -13,6 +13,7 @@ import numpy as np
 from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot, twist_feedback
 from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
+from ik_node.control.off_direction_warning import NO_WARNING, OffDirectionWarning, updated_warning
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
@@ -50,6 +51,7 @@ class CommandSnapshot(NamedTuple):
     """s of the last control step."""
     truncated: bool
     """True when a component of the last twist was truncated near a singularity."""
+    off_direction: OffDirectionWarning
 
 
 class VelocityControllerSnapshot(NamedTuple):
@@ -83,6 +85,7 @@ class VelocityController:
         self.commanded_ns = 0
         self.task_scale = 1.0
         self.truncated = False
+        self.off_direction = NO_WARNING
         self._slowing = ""
 
     def configure(self, settings: Settings) -> None:
@@ -122,7 +125,7 @@ class VelocityController:
         self._ik.solution = None
         self._integral.reset()
         self.solver.reset()
-        self.task_scale, self.truncated = 1.0, False
+        self.task_scale, self.truncated, self.off_direction = 1.0, False, NO_WARNING
 
     def slowing(self) -> str:
         """Status text that names the joints whose last command exceeds a lowered velocity limit; empty for none."""
@@ -179,11 +182,13 @@ class VelocityController:
         arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
+            twist_b = self._robot.evaluate(q_middle).jacobian_b @ velocity
+            desired = desired._replace(twist_b=twist_b)
             solution = self.solver.solve_velocity(arm, velocity)
             if solution.task_scale < 1.0:
                 # One joint at its limit would slow the whole arm. Its twist is resolved within the limits instead, and
                 # the next theta_d is the one nearest to the measured position, so that this joint does not fall behind.
-                solution = self.solver.solve_twist(arm, self._robot.evaluate(q_middle).jacobian_b @ velocity)
+                solution = self.solver.solve_twist(arm, twist_b)
                 self._ik.solution = None
         else:
             self._ik.solution = None
@@ -196,6 +201,15 @@ class VelocityController:
         self.command(solution.joint_velocity, now.monotonic_ns)
         self.task_scale = solution.task_scale
         self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
+        if solution.off_direction_limits or self.off_direction.text:
+            self.off_direction = updated_warning(
+                self.off_direction,
+                now.monotonic_ns,
+                solution.off_direction_b,
+                desired.twist_b,
+                solution.off_direction_limits,
+                control.characteristic_length,
+            )
         return ControlOutput(desired, solution, held_since_ns)
 
     def conditions(self, output: ControlOutput) -> list[str]:

@@ -38,6 +38,8 @@ class FastSolution(NamedTuple):
     """Second term of the multiplier of the closed form, (m,)."""
     singular_values: Array
     """Of J with its rows times ``row_scale``, descending."""
+    off_direction: Array
+    """J qd - s V, (m,); rounding, because this path applies only if limits permit a multiple of V."""
     sides: NDArray[np.int8]
     """Active constraints: LOWER, UPPER, their sum or 0 for each joint, then 1 or 0 for each damper; empty if none."""
 
@@ -114,7 +116,10 @@ def solve_fast(
             scale = solution.scale
             valid = not np.isnan(scale) and np.all(np.isfinite(velocity))
             sides = _active_sides(velocity, bounds, units, limit)
-    return FastSolution(valid, velocity, scale, free.multiplier_task, free.multiplier_potential, svd.sigma, sides)
+    off_direction = jacobian @ velocity - scale * twist
+    return FastSolution(
+        valid, velocity, scale, free.multiplier_task, free.multiplier_potential, svd.sigma, off_direction, sides
+    )
 
 
 @compiled

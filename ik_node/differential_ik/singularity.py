@@ -70,6 +70,9 @@ MAX_EXTRA_DELAY_S = 1.0
 REST_FRACTION = 0.02
 """If all joints move at less than this fraction of their speeds the arm is stuck; its delay counts five times."""
 
+MIN_SCALE = 1e-9
+"""Smallest divisor of a scale."""
+
 MIN_SIGMA = 1e-6
 """Singular values are raised to this one, m, so that the regulated task is never singular."""
 
@@ -222,11 +225,12 @@ def regulate_singularities(
     scale = 1.0 - (1.0 - scale) * smoothstep((settings.threshold - sigma[-1]) / (0.3 * settings.threshold))
     rates = scale * wanted
     # Completely clipped below a retention of 1/2: any remainder of a blocked direction would block everything.
-    retained = np.maximum(2.0 * retention[critical] - 1.0, 0.0)
-    rates[critical] = retained * rates[critical] + (1.0 - retained) * clipped[critical]
+    # Not faster than V at this scale either: the tool would leave the direction of V_f.
+    retained, fastest = np.maximum(2.0 * retention[critical] - 1.0, 0.0), scale * np.abs(wanted[critical])
+    rates[critical] = retained * rates[critical] + (1.0 - retained) * np.clip(clipped[critical], -fastest, fastest)
+    executed = rates * sigma / max(scale, MIN_SCALE)
     raised = np.maximum(sigma, MIN_SIGMA)
     regular = jacobian if sigma[-1] >= MIN_SIGMA else ((u * raised) @ rows) / row_scale[:, None]
-    executed = np.minimum(np.abs(rates), scale * np.abs(wanted)) * np.sign(rates) * sigma / max(scale, 1e-9)
     max_delay_s = settings.timeout_s + TRUNCATION_S + MAX_EXTRA_DELAY_S
     delay_s = min(_delay(state.delay_s, scale * scale_before, elapsed_s, previous, limits), max_delay_s)
     return RegulatedTask(

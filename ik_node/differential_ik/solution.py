@@ -34,11 +34,15 @@ class DifferentialIkSolution(NamedTuple):
     joint_velocity: Array
     """(n,), rad/s (m/s), finite and within the velocity limits."""
     task_scale: float
-    """Fraction of V_f that is executed: ``singularity_scale`` times the scale s of the limits."""
+    """s: fraction of V_f that is executed, ``singularity_scale`` times the scale of the limits."""
     singularity_scale: float
     """Factor in (0, 1] by which V is scaled to pass a singularity on the path."""
     truncated_b: Array
     """V - V_f: the part of V that is truncated near a singularity."""
+    off_direction_b: Array
+    """J qd - s V_f: the part of the motion that limits force off the direction of V_f; s is ``task_scale``."""
+    off_direction_limits: tuple[str, ...]
+    """Names of the limits and dampers that cause it, the most effective first; empty up to rounding."""
     multiplier_task: Array
     """First term of the multiplier lambda."""
     multiplier_potential: Array

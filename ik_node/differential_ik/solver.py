@@ -12,15 +12,17 @@ from ik_node.collision.distances import ClosestPair
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
-from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, ClosedFormSolution, resolve
+from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, resolve
 from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS, check_masses
+from ik_node.differential_ik.off_direction import limits_off_direction
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
-from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
+from ik_node.differential_ik.singularity import START, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
+from ik_node.differential_ik.task_problem import TaskProblem
 from ik_node.errors import InputError
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits, relaxed
@@ -182,34 +184,10 @@ class DifferentialIkSolver:
             away = manipulability_potential(self._jacobian, state.q_middle, self._row_scale, force).gradient
             gradient = away if gradient is None else gradient + away
             gain = self._control.gradient_gain
-        closed = resolve(
-            task.jacobian,
-            task.twist,
-            weight,
-            gradient,
-            gain,
-            row_scale=self._row_scale,
-            null_space_cap=self._null_space_cap,
-            checked=True,
-            svd=task.svd,
-        )
+        problem = TaskProblem(task.jacobian, weight, gradient, gain, self._row_scale, self._null_space_cap, task.svd)
         dampers = None if terms is None else terms.dampers
-        limited = None
-        if not constrained.is_feasible(closed.joint_velocity, bounds.lo, bounds.hi, dampers):
-            limited = constrained.solve(
-                task.jacobian,
-                task.twist,
-                bounds.lo,
-                bounds.hi,
-                weight,
-                gradient,
-                gain,
-                row_scale=self._row_scale,
-                null_space_cap=self._null_space_cap,
-                dampers=dampers,
-                unconstrained=closed,
-                svd=task.svd,
-            )
+        closed = problem.closed_form(task.twist)
+        limited = problem.solve(task.twist, closed, bounds, dampers)
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             faded = resolve(
                 jacobian,
@@ -227,13 +205,26 @@ class DifferentialIkSolver:
         scale = 1.0 if limited is None else limited.task_scale
         stalled_s = self._stalled_time(twist_b, task.singularity_scale * scale, state.elapsed_s)
         self._snapshot = SolverSnapshot(task.state, scale, stalled_s)
+        velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if limited is not None and stalled_s > TIMEOUT_S:
-            velocity = release_direction(
-                limited.joint_velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s
-            )
-            limited = limited._replace(joint_velocity=velocity)
-            task = task._replace(truncated=twist_b - jacobian @ velocity)
-        return self._solution(closed, limited, bounds, terms, task)
+            velocity = release_direction(velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s)
+        velocity = _within_velocity_limits(velocity, bounds)
+        scale *= task.singularity_scale
+        off_direction = jacobian @ velocity - scale * (twist_b - task.truncated)
+        return DifferentialIkSolution(
+            velocity,
+            scale,
+            task.singularity_scale,
+            task.truncated,
+            off_direction,
+            self._limits_off_direction(off_direction, limited, jacobian, bounds, dampers),
+            closed.multiplier_task,
+            closed.multiplier_potential,
+            task.singular_values,
+            () if limited is None else limited.binding(bounds, self._robot.joints, dampers),
+            self._relaxed(bounds, limited, dampers),
+            NO_PAIR if terms is None else terms.closest,
+        )
 
     def solve_velocity(self, state: ArmState, velocity: Array) -> DifferentialIkSolution:
         """The largest multiple of a joint velocity, up to 1, that limits and dampers permit.
@@ -251,16 +242,19 @@ class DifferentialIkSolver:
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
         dampers = None if terms is None else terms.dampers
         limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
-        jacobian = self._jacobian(state.q_middle) * self._row_scale[:, None]
-        unknown = np.full(6, np.nan)
+        jacobian = self._jacobian(state.q_middle)
+        command, unknown = _within_velocity_limits(limited.joint_velocity, bounds), np.full(6, np.nan)
+        off_direction = jacobian @ (command - limited.task_scale * velocity)
         return DifferentialIkSolution(
-            _within_velocity_limits(limited.joint_velocity, bounds),
+            command,
             limited.task_scale,
             1.0,
-            np.zeros(6),
+            NO_TRUNCATION,
+            off_direction,
+            self._limits_off_direction(off_direction, limited, jacobian, bounds, dampers),
             unknown,
             unknown,
-            np.linalg.svd(jacobian, compute_uv=False),
+            np.asarray(np.linalg.svd(self._row_scale[:, None] * jacobian, compute_uv=False)),
             limited.binding(bounds, self._robot.joints, dampers),
             self._relaxed(bounds, limited, dampers),
             NO_PAIR if terms is None else terms.closest,
@@ -312,6 +306,8 @@ class DifferentialIkSolver:
             fast.task_scale,
             1.0,
             NO_TRUNCATION,
+            fast.off_direction,
+            (),
             fast.multiplier_task,
             fast.multiplier_potential,
             fast.singular_values,
@@ -347,27 +343,17 @@ class DifferentialIkSolver:
     def _stalled_time(self, twist: Array, task_scale: float, elapsed_s: float) -> float:
         return stalled_time(self._snapshot.stalled_s, task_scale, float(np.abs(twist).max()), elapsed_s)
 
-    def _solution(
+    def _limits_off_direction(
         self,
-        closed: ClosedFormSolution,
+        off_direction: Array,
         limited: ConstrainedSolution | None,
+        jacobian: Array,
         bounds: JointBounds,
-        terms: AvoidanceTerms | None,
-        task: RegulatedTask,
-    ) -> DifferentialIkSolution:
-        dampers = None if terms is None else terms.dampers
-        return DifferentialIkSolution(
-            _within_velocity_limits(closed.joint_velocity if limited is None else limited.joint_velocity, bounds),
-            task.singularity_scale * (1.0 if limited is None else limited.task_scale),
-            task.singularity_scale,
-            task.truncated,
-            closed.multiplier_task,
-            closed.multiplier_potential,
-            task.singular_values,
-            () if limited is None else limited.binding(bounds, self._robot.joints, dampers),
-            self._relaxed(bounds, limited, dampers),
-            NO_PAIR if terms is None else terms.closest,
-        )
+        dampers: VelocityDampers | None,
+    ) -> tuple[str, ...]:
+        scaled = self._row_scale[:, None] * jacobian
+        joints = self._robot.joints
+        return limits_off_direction(off_direction, limited, scaled, self._row_scale, bounds, joints, dampers)
 
     def _relaxed(
         self, bounds: JointBounds, limited: ConstrainedSolution | None, dampers: VelocityDampers | None

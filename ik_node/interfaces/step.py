@@ -19,6 +19,10 @@ FASTER = "faster than target.max_speed"
 """Part of the status text about a stream that the reference cannot follow; the report finds it by this part."""
 
 
+OFF_DIRECTION = "the tool leaves the direction of its twist"
+"""Begin of the status text about motion off the direction of the twist."""
+
+
 class Level(Enum):
     """Severity, numbered as in diagnostic_msgs/DiagnosticStatus."""
 
@@ -118,9 +122,26 @@ class Step(NamedTuple):
     pose_sd: Annotated[Array, Quantity(Kind.POSE, "Desired pose T_sd at state_time_ns.", "m", "s")]
     error_b: Annotated[Array, Quantity(Kind.TWIST, "Pose error log(T_bd).", "m, rad", "b")]
     feedforward_b: Annotated[Array, Quantity(Kind.TWIST, "Feed-forward twist Ad(T_bd) V_d.", "m/s, rad/s", "b")]
-    twist_b: Annotated[Array, Quantity(Kind.TWIST, "Task twist V: feed-forward plus feedback.", "m/s, rad/s", "b")]
+    twist_b: Annotated[
+        Array,
+        Quantity(
+            Kind.TWIST,
+            "Task twist V: feed-forward plus feedback; with `ik_difference` J times the joint velocity of the law.",
+            "m/s, rad/s",
+            "b",
+        ),
+    ]
     truncated_b: Annotated[
         Array, Quantity(Kind.TWIST, "V - V_f: component of V removed near a singularity.", "m/s, rad/s", "b")
+    ]
+    off_direction_b: Annotated[
+        Array,
+        Quantity(
+            Kind.TWIST,
+            "J qd - s V_f: motion of the tool off the direction of V_f, because of `off_direction_limits`.",
+            "m/s, rad/s",
+            "b",
+        ),
     ]
     scale: Annotated[
         float, Quantity(Kind.NUMBER, "Task scale s in [0, 1]: fraction of V_f that the limits admit; NaN when stopped.")
@@ -152,6 +173,10 @@ class Step(NamedTuple):
         ),
     ]
     binding: Annotated[tuple[str, ...], Quantity(Kind.NAMES, "Active limits, for example `velocity panda_joint4`.")]
+    off_direction_limits: Annotated[
+        tuple[str, ...],
+        Quantity(Kind.NAMES, "Active limits that cause `off_direction_b`, the most effective first; usually empty."),
+    ]
     progress: Annotated[float, Quantity(Kind.NUMBER, "Completed fraction of the path, 0 to 1; NaN without a path.")]
     path_distance: Annotated[
         float, Quantity(Kind.NUMBER, "Distance of the tool point from the path; NaN without a path.", "m")

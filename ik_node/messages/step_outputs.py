@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.se3 import quaternion_from_rotation
 from ik_node.math.types import Array
 from ik_node.messages.encode import (
@@ -80,6 +81,7 @@ class StepOutputs:
 
 def step_values(step: Step, method: str) -> dict[str, str]:
     """Key-value pairs of status and diagnostics: results of the Step as text, units in the keys."""
+    account = twist_account(step.twist_b, step.truncated_b, step.off_direction_b, step.scale)
     return {
         "method": method,
         "scale": f"{step.scale:.6g}",
@@ -88,6 +90,11 @@ def step_values(step: Step, method: str) -> dict[str, str]:
         "orientation_error_mrad": f"{1e3 * _norm(step.error_b[3:]):.6g}",
         "truncated_linear_m_s": f"{_norm(step.truncated_b[:3]):.6g}",
         "truncated_angular_rad_s": f"{_norm(step.truncated_b[3:]):.6g}",
+        "held_back_linear_m_s": f"{_norm(account.held_back[:3]):.6g}",
+        "held_back_angular_rad_s": f"{_norm(account.held_back[3:]):.6g}",
+        "off_direction_linear_m_s": f"{_norm(step.off_direction_b[:3]):.6g}",
+        "off_direction_angular_rad_s": f"{_norm(step.off_direction_b[3:]):.6g}",
+        "off_direction_limits": ", ".join(step.off_direction_limits),
         "progress": f"{step.progress:.6g}",
         "path_distance_m": f"{step.path_distance:.6g}",
         "clearance_m": f"{step.clearance:.6g}",

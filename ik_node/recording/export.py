@@ -37,6 +37,7 @@ def columns(run: Run) -> dict[str, list[Any]]:
         "level": [status.level.name.lower() for status in run.status],
         "reason": [status.reason for status in run.status],
         "binding": ["; ".join(names) for names in run.binding],
+        "off_direction_limits": ["; ".join(names) for names in run.off_direction_limits],
         "closest_pair": ["; ".join(names) for names in run.closest_pair],
     }
     for field in (*ARRAY_FIELDS, *NUMBER_FIELDS):

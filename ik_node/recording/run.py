@@ -125,6 +125,11 @@ class Run(NamedTuple):
         return self.texts["binding"]
 
     @property
+    def off_direction_limits(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the limits that force the tool off its direction, per control step."""
+        return self.texts["off_direction_limits"]
+
+    @property
     def closest_pair(self) -> tuple[tuple[str, ...], ...]:
         """Names of the closest pair per control step."""
         return self.texts["closest_pair"]

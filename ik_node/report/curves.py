@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.interfaces.twist_account import TwistAccount, twist_account
 from ik_node.math.types import Array
 from ik_node.report import quantities
 from ik_node.report.metrics import velocity_ratio
 from ik_node.report.quantities import DisplayedQuantity
 from ik_node.report.reported_run import ReportedRun
-from ik_node.report.style import GREY, TEXT_COLOUR, VERMILION, decimate, placeholder
+from ik_node.report.style import BLUE, GREY, TEXT_COLOUR, VERMILION, decimate, placeholder
 
 VELOCITY_AXIS_END = 118.0
 """End of the axis of joint velocities, % of the limit."""
@@ -90,17 +91,36 @@ def draw_clearance(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         axes.set_title(f"{quantity.title}; minimum between {' and '.join(reported_runs[0].metrics.nearness.pair)}")
 
 
-def draw_truncated_twist(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
-    """Linear speed of the twist V - V_f that singularities remove."""
-    quantity = quantities.TRUNCATED_LINEAR
-    axes.set_title(f"Twist removed near singularities, |V - V_f| linear [{quantity.unit}]")
-    norms = [quantity.scaled(np.linalg.norm(reported.run.truncated_b[:, :3], axis=1)) for reported in reported_runs]
+def draw_twist_account(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Linear speed of the parts of V that the tool does not do; for several recordings that of V - J qd."""
+    unit = quantities.OFF_DIRECTION_LINEAR.unit
+    accounts = [_account(reported) for reported in reported_runs]
+    if len(reported_runs) == 1:
+        axes.set_title(f"Parts of the twist that are not done, linear [{unit}]")
+        parts = [
+            ("held back along V", accounts[0].held_back, GREY),
+            ("truncated", accounts[0].truncated, BLUE),
+            ("off the direction", accounts[0].off_direction, VERMILION),
+        ]
+        curves = [(reported_runs[0], part, colour, label) for label, part, colour in parts]
+    else:
+        axes.set_title(f"Part of the twist that is not done, |V - J qd| linear [{unit}]")
+        pairs = zip(reported_runs, accounts, strict=True)
+        curves = [(reported, account.missing, reported.colour, "") for reported, account in pairs]
+    norms = [quantities.OFF_DIRECTION_LINEAR.scaled(np.linalg.norm(part[:, :3], axis=1)) for _, part, _, _ in curves]
     if not any((norm[np.isfinite(norm)] > 1e-6).any() for norm in norms):
         placeholder(axes, "none")
         return
-    for reported, norm in zip(reported_runs, norms, strict=True):
-        axes.plot(*decimate(reported.times_s, norm), color=reported.colour)
+    for (reported, _, colour, label), norm in zip(curves, norms, strict=True):
+        axes.plot(*decimate(reported.times_s, norm), color=colour, linewidth=0.9, label=label)
+    if len(reported_runs) == 1:
+        axes.legend(loc="upper right", ncols=3, frameon=False, fontsize=8)
     axes.set_ylim(bottom=0.0)
+
+
+def _account(reported: ReportedRun) -> TwistAccount:
+    run = reported.run
+    return twist_account(run.twist_b, run.truncated_b, run.off_direction_b, run.scale)
 
 
 def draw_joint_velocity(axes: Any, reported_runs: Sequence[ReportedRun], joint: str, fill: bool = False) -> list[str]:

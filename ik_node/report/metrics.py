@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.interfaces.step import FASTER
+from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
@@ -19,7 +20,9 @@ from ik_node.report.tracking import TrackingMetrics, TrackingSeries, compare
 SETTLE_S = 1.0
 """Duration of the initial transient, which the settled errors exclude."""
 TRUNCATION_TOLERANCE = 1e-9
-"""A truncated twist (m/s, rad/s) below this is rounding error."""
+"""A part of a twist (m/s, rad/s) below this is rounding error."""
+MIN_OFF_RATIO = 0.01
+"""Fraction of the twist beyond which motion off its direction counts."""
 
 
 class TimingMetrics(NamedTuple):
@@ -64,6 +67,23 @@ class SingularityMetrics(NamedTuple):
     truncated_angular_max: float
     truncated_s: float
     """Time with a truncated twist, s."""
+
+
+class DirectionMetrics(NamedTuple):
+    """Motion off the direction of the twist, J qd - s V_f, and the twist held back, (1 - s) V_f."""
+
+    off_linear_rms: float
+    """m/s."""
+    off_linear_max: float
+    off_angular_rms: float
+    """rad/s."""
+    off_angular_max: float
+    off_s: float
+    """Time in which it is more than 1 % of the twist, s."""
+    held_back_linear_max: float
+    """m/s."""
+    limits: tuple[tuple[str, float], ...]
+    """(limit that causes it, time in s in which it is the most effective one), longest first."""
 
 
 class ScalingMetrics(NamedTuple):
@@ -117,6 +137,7 @@ class RunMetrics(NamedTuple):
     ticks: TimingMetrics
     speed: SpeedMetrics
     singularity: SingularityMetrics
+    direction: DirectionMetrics
     scaling: ScalingMetrics
     nearness: ClearanceMetrics
     margin: JointLimitMargin
@@ -164,6 +185,7 @@ def compute_metrics(
         ticks=_ticks(run),
         speed=_speed(run),
         singularity=_singularity(run, durations_s),
+        direction=_direction(run, durations_s),
         scaling=_scaling(run, durations_s),
         nearness=_clearance(run),
         margin=joint_limit_margin(run),
@@ -256,6 +278,40 @@ def _singularity(run: Run, durations_s: Array) -> SingularityMetrics:
     )
 
 
+def _direction(run: Run, durations_s: Array) -> DirectionMetrics:
+    known = np.asarray(np.isfinite(run.off_direction_b).all(axis=1))
+    account = twist_account(run.twist_b, run.truncated_b, run.off_direction_b, run.scale)
+    row_scale = np.repeat((1.0, _characteristic_length(run)), 3)
+    off = account.off_direction[known]
+    linear, angular = np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
+    speed, wanted = (np.linalg.norm(row_scale * part[known], axis=1) for part in (account.off_direction, run.twist_b))
+    is_off = speed > np.maximum(TRUNCATION_TOLERANCE, MIN_OFF_RATIO * wanted)
+    times: dict[str, float] = {}
+    limits = [names for names, is_known in zip(run.off_direction_limits, known.tolist(), strict=True) if is_known]
+    for names, duration, counts in zip(limits, durations_s[known], is_off, strict=True):
+        if counts and names:
+            times[names[0]] = times.get(names[0], 0.0) + duration
+    held_back = np.linalg.norm(account.held_back[known][:, :3], axis=1)
+    return DirectionMetrics(
+        off_linear_rms=_rms(linear),
+        off_linear_max=float(linear.max(initial=0.0)),
+        off_angular_rms=_rms(angular),
+        off_angular_max=float(angular.max(initial=0.0)),
+        off_s=float(durations_s[known][is_off].sum()),
+        held_back_linear_max=float(held_back.max(initial=0.0)),
+        limits=_longest_first(times),
+    )
+
+
+def _characteristic_length(run: Run) -> float:
+    length = run.settings.get("characteristic_length")
+    return float(length) if isinstance(length, (int, float)) else 1.0
+
+
+def _longest_first(times: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted(times.items(), key=lambda item: (-item[1], item[0])))
+
+
 def _clearance(run: Run) -> ClearanceMetrics:
     finite = np.isfinite(run.clearance)
     if not finite.any():
@@ -275,7 +331,7 @@ def _scaling(run: Run, durations_s: Array) -> ScalingMetrics:
     return ScalingMetrics(
         least=float(run.scale[finite].min()) if finite.any() else math.nan,
         slowed_s=float(durations_s[slowed].sum()),
-        binding=tuple(sorted(times.items(), key=lambda item: (-item[1], item[0]))),
+        binding=_longest_first(times),
     )
 
 

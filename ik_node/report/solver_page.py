@@ -1,4 +1,4 @@
-"""Inputs and results of the solver: singular values, task scale s, clearance, and both multiplier terms."""
+"""Inputs and results of the solver: singular values, task scale s, clearance, twist account, both multipliers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
-from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_values, draw_truncated_twist
+from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_values, draw_twist_account
 from ik_node.report.reported_run import ReportedRun, methods_of, potential_wrench, span_of, time_label
 from ik_node.report.style import BLUE, GREEN, VERMILION, decimate, placeholder, run_legend, share_time_axis
 
@@ -33,7 +33,7 @@ def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
     draw_singular_values(left[0], reported_runs)
     draw_scale(left[1], reported_runs)
     draw_clearance(left[2], reported_runs)
-    draw_truncated_twist(left[3], reported_runs)
+    draw_twist_account(left[3], reported_runs)
     momenta = [reported.run.multiplier_task for reported in reported_runs]
     wrenches = [potential_wrench(reported) for reported in reported_runs]
     potential, frame = "λ potential times 1/k", _frame(reported_runs)

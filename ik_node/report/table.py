@@ -124,6 +124,25 @@ _CELLS: tuple[tuple[str, _Cell], ...] = (
         lambda reported: reported.metrics.singularity.truncated_angular_max,
     ),
     _number(_S._replace(name="truncated twist, time"), lambda reported: reported.metrics.singularity.truncated_s),
+    _number(
+        _with(quantities.OFF_DIRECTION_LINEAR, "{} max"),
+        lambda reported: reported.metrics.direction.off_linear_max,
+    ),
+    _number(
+        _with(quantities.OFF_DIRECTION_ANGULAR, "{} max"),
+        lambda reported: reported.metrics.direction.off_angular_max,
+    ),
+    _number(
+        _S._replace(name="more than 1 % off the direction, time"), lambda reported: reported.metrics.direction.off_s
+    ),
+    (
+        "limit that causes it longest",
+        lambda reported: limits[0][0] if (limits := reported.metrics.direction.limits) else NOT_AVAILABLE,
+    ),
+    _number(
+        _with(quantities.HELD_BACK_LINEAR, "{} max"),
+        lambda reported: reported.metrics.direction.held_back_linear_max,
+    ),
     _number(_with(quantities.SCALE, "min {}"), lambda reported: reported.metrics.scaling.least),
     _number(_S._replace(name="time with s < 1"), lambda reported: reported.metrics.scaling.slowed_s),
     ("limit active longest", lambda reported: b[0][0] if (b := reported.metrics.scaling.binding) else NOT_AVAILABLE),

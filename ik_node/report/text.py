@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from ik_node.report.lateness import LateStepMetrics
-from ik_node.report.metrics import RunMetrics, ScalingMetrics, SingularityMetrics
+from ik_node.report.metrics import DirectionMetrics, RunMetrics, ScalingMetrics, SingularityMetrics
 from ik_node.report.tracking import TrackingMetrics
 
 WIDTH = 80
@@ -47,6 +47,8 @@ def as_text(metrics: RunMetrics) -> str:
     )
     lines.append(f"commands     {speed.non_finite} not finite, {speed.over_limit} over a velocity limit")
     lines += _singularity(metrics.singularity)
+    if metrics.direction.off_s > 0.0:
+        lines.append(_direction(metrics.direction))
     lines.append(_scaling(metrics.scaling))
     clearance = metrics.nearness
     if math.isfinite(clearance.least):
@@ -123,6 +125,12 @@ def _singularity(singularity: SingularityMetrics) -> list[str]:
     rms = f"RMS {1e3 * singularity.truncated_linear_rms:.3f} mm/s, {1e3 * singularity.truncated_angular_rms:.3f} mrad/s"
     maxima = f"max {1e3 * singularity.truncated_linear_max:.1f}, {1e3 * singularity.truncated_angular_max:.1f}"
     return [*lines, f"truncated    {rms}; {maxima}; {singularity.truncated_s:.2f} s"]
+
+
+def _direction(direction: DirectionMetrics) -> str:
+    maxima = f"max {1e3 * direction.off_linear_max:.1f} mm/s, {1e3 * direction.off_angular_max:.1f} mrad/s"
+    named = "".join(f"; {name}" for name, _ in direction.limits[:1])
+    return f"direction    off {direction.off_s:.2f} s, {maxima}{named}"
 
 
 def _scaling(scaling: ScalingMetrics) -> str:

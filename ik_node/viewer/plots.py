@@ -62,6 +62,14 @@ def plots_for(joints: tuple[str, ...], velocity_limits: Array, with_clearance: b
         plot(quantities.SMALLEST_SINGULAR_VALUE, "sigma_min", lambda timeline: timeline.sigma_min, (0.0, None)),
         plot(quantities.SCALE, "s", lambda timeline: timeline.scale, (0.0, 1.1)),
     ]
+    plots.append(
+        plot(
+            quantities.OFF_DIRECTION_LINEAR,
+            "off the direction",
+            lambda timeline: np.linalg.norm(timeline.off_direction_b[:, :3], axis=1),
+            (0.0, None),
+        )
+    )
     if with_clearance:
         plots.append(plot(quantities.CLEARANCE, "clearance", lambda timeline: timeline.clearance))
     return tuple(plots)

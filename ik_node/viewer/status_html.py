@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 
+from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.types import Array
 from ik_node.report import quantities
 from ik_node.report.quantities import DisplayedQuantity
@@ -37,17 +38,23 @@ def frame_html(
         HTML in which names and reasons are escaped.
     """
     unit = "N s" if mass_weighted else ""
+    account = twist_account(frame.twist_b, frame.truncated_b, frame.off_direction_b, frame.scale)
     rows = [
         _row(quantities.POSITION_ERROR, _norm(frame.error_b[:3])),
         _row(quantities.ORIENTATION_ERROR, _norm(frame.error_b[3:])),
         ("fastest joint", _fastest_joint(frame.joint_velocity, joints, velocity_limits)),
         _row(quantities.SMALLEST_SINGULAR_VALUE, frame.sigma_min),
         _row(quantities.SCALE, frame.scale),
+        _row(quantities.HELD_BACK_LINEAR, _norm(account.held_back[:3])),
+        _row(quantities.TRUNCATED_LINEAR, _norm(account.truncated[:3])),
+        _row(quantities.OFF_DIRECTION_LINEAR, _norm(account.off_direction[:3])),
         ("active limits", html.escape(", ".join(frame.binding)) or "none"),
         _row(quantities.MULTIPLIER_TASK_LINEAR._replace(unit=unit), _norm(frame.multiplier_task[:3])),
         _row(quantities.MULTIPLIER_POTENTIAL_LINEAR._replace(unit=unit), _norm(frame.multiplier_potential[:3])),
         _row(quantities.CLEARANCE, frame.clearance),
     ]
+    if frame.off_direction_limits:
+        rows.append(("limits that cause it", html.escape(", ".join(frame.off_direction_limits))))
     if frame.closest_pair:
         rows.append(("closest pair", html.escape(" \u2013 ".join(frame.closest_pair))))
     table = "".join(_ROW.format(name, value) for name, value in rows)

@@ -101,6 +101,28 @@ def test_text_fits_a_screen_and_json_is_complete(run: Run) -> None:
     assert "series" not in read
 
 
+def test_motion_off_the_direction_is_reported_with_its_limit(run: Run) -> None:
+    """Ten steps with 10 mm/s off a twist of 100 mm/s, due to one limit, and one with 0.5 mm/s, which does not count."""
+    off, twist, scale = np.zeros((len(run.tick), 6)), np.zeros((len(run.tick), 6)), np.ones(len(run.tick))
+    twist[:, 0], scale[:100] = 0.1, 0.75
+    off[50:60, 1], off[80, 1] = 0.01, 0.0005
+    limits: list[tuple[str, ...]] = [()] * len(run.tick)
+    limits[50:60] = [("acceleration panda_joint2", "velocity panda_joint4")] * 10
+    changed = run.with_columns(off_direction_b=off, twist_b=twist, truncated_b=0.0 * twist, scale=scale)
+    changed = changed._replace(texts={**run.texts, "off_direction_limits": tuple(limits)})
+    direction = compute_metrics(changed).direction
+    assert direction.off_linear_max == pytest.approx(0.01)
+    assert direction.held_back_linear_max == pytest.approx(0.025)
+    assert direction.off_angular_max == 0.0
+    assert direction.off_s == pytest.approx(0.05, rel=0.2)
+    assert direction.limits == (("acceleration panda_joint2", direction.off_s),)
+    line = next(line for line in as_text(compute_metrics(changed)).splitlines() if line.startswith("direction"))
+    assert line.startswith("direction    off 0.05 s, max 10.0 mm/s, 0.0 mrad/s; acceleration panda_joint2")
+    assert "direction" not in as_text(compute_metrics(run))
+    read = json.loads(as_json(compute_metrics(changed)))
+    assert read["direction"]["limits"][0][0] == "acceleration panda_joint2"
+
+
 def test_a_stream_that_is_too_fast_is_reported_with_the_parameter(run: Run, tmp_path: Path) -> None:
     """A line at up to 1.6 m/s, faster than the reference may be; and the snapshots replay."""
     assert compute_metrics(run).target_too_fast.text == ""

@@ -88,6 +88,7 @@ def made_run(name: str) -> Run:
         "singular_values": np.full((k, min(6, n)), 0.1),
         "clearance": np.full(k, 0.02),
         "closest_points": np.stack((poses[:, :3, 3], poses[:, :3, 3] + (0.02, 0.0, 0.0)), axis=1),
+        "off_direction_limits": ((),) * k,
         "closest_pair": (("one", "other"),) * k,
         "binding": ((),) * k,
         "status": (Status(Level.OK, Mode.HOLDING, "no target yet"),) * (k // 2) + (tracking,) * (k - k // 2),
@@ -651,7 +652,7 @@ def test_page_in_a_browser_without_internet(page: ViewerPage, browser: Browser) 
     browser.click(x + 0.5 * width, y + 0.5 * height)
     browser.until("the pause", lambda: not page.playback.playing)
 
-    assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 5
+    assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 6
     asked = browser.requested()
     assert asked
     assert [address for address in asked if not re.match(rf"(data|blob):|{re.escape(url)}/", address)] == []

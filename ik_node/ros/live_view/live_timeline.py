@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class LiveTimeline:
         if closest is not None:
             columns["clearance"], columns["closest_points"] = closest.distance, closest.points_s
         texts = {
-            "binding": tuple(filter(None, node.diagnostic_values.get("binding", "").split(", "))),
+            **{name: _names(node.diagnostic_values, name) for name in ("binding", "off_direction_limits")},
             "closest_pair": () if closest is None else closest.names,
             "status": self._status(time_s),
         }
@@ -156,6 +156,10 @@ def _wrench(data: bytes) -> Array:
     wrench = cdr.deserialize(data, encode.TYPES[encode.MULTIPLIER_TASK]).wrench
     force, torque = wrench.force, wrench.torque
     return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+
+
+def _names(values: Mapping[str, str], key: str) -> tuple[str, ...]:
+    return tuple(filter(None, values.get(key, "").split(", ")))
 
 
 def _number(text: str | None) -> float:

@@ -1,0 +1,58 @@
+"""Motion off the direction of the twist: which limits cause it.
+
+The arm moves along V_f if the limits of the control step permit a multiple of it. If they permit none, r = J qd - s V_f
+remains, of least \\|D r\\|. Its gradient J' D^2 r is zero for the joints inside their bounds; a bound whose gradient
+points outwards is one that a smaller r would need to exceed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import JointBounds, cause
+
+MIN_OFF_DIRECTION = 1e-8
+"""Components of J qd - s V_f up to this, m/s or rad/s, are rounding."""
+
+MIN_EFFECT = 1e-3
+"""A limit whose gradient is a smaller fraction of the largest one is not named."""
+
+
+def limits_off_direction(
+    off_direction: Array,
+    limited: ConstrainedSolution | None,
+    scaled_jacobian: Array,
+    row_scale: Array,
+    bounds: JointBounds,
+    joints: tuple[str, ...],
+    dampers: VelocityDampers | None,
+) -> tuple[str, ...]:
+    """Names of the active limits that cause the motion off the direction, the most effective first, then dampers.
+
+    All active limits if none of them does, as when the direction was released.
+
+    Args:
+        off_direction: r = J qd - s V_f, (6,).
+        limited: The solution under limits; None if no limit was active.
+        scaled_jacobian: D J, (6, n).
+        row_scale: D, (6,).
+        bounds: Limits of this control step.
+        joints: Names of the joints.
+        dampers: Velocity dampers.
+    """
+    if limited is None or np.abs(off_direction).max() <= MIN_OFF_DIRECTION:
+        return ()
+    gradient = scaled_jacobian.T @ (row_scale * off_direction)
+    effect = np.where(limited.at_lower, gradient, 0.0) - np.where(limited.at_upper, gradient, 0.0)
+    effect = np.where(limited.at_lower & limited.at_upper, np.abs(gradient), effect)
+    order = np.argsort(-effect, kind="stable").tolist()
+    least = MIN_EFFECT * float(np.abs(gradient).max())
+    names = [
+        f"{cause(bounds, joint, gradient[joint] < 0.0)} {joints[joint]}" for joint in order if effect[joint] > least
+    ]
+    if dampers is not None:
+        names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(limited.damper_active).tolist()]
+    return tuple(names) or limited.binding(bounds, joints, dampers)

@@ -1,0 +1,80 @@
+"""The problem of one control step: Jacobian, cost and null-space cap, solved without and with limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik import constrained
+from ik_node.differential_ik.closed_form import ClosedFormSolution, resolve
+from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.math.pseudoinverse import Decomposition, decompose
+from ik_node.math.types import Array
+from ik_node.robot.joint_limits import JointBounds
+
+
+@dataclass(frozen=True)
+class TaskProblem:
+    """What the solutions for several twists have in common."""
+
+    jacobian: Array
+    """J, (6, n)."""
+    weight: Array | None
+    """W, (n, n); None is the identity."""
+    gradient: Array | None
+    """grad_h, (n,); None is zero."""
+    gain: float
+    """k, s."""
+    row_scale: Array
+    """D, (6,)."""
+    null_space_cap: Array
+    """Largest null-space velocity of each joint, (n,), rad/s (m/s)."""
+    known_svd: Decomposition | None
+    """Decomposition of D J, if it is known already."""
+
+    @cached_property
+    def svd(self) -> Decomposition:
+        """Decomposition of D J."""
+        if self.known_svd is not None:
+            return self.known_svd
+        return decompose(self.row_scale[:, None] * self.jacobian, "jacobian")
+
+    def closed_form(self, twist: Array) -> ClosedFormSolution:
+        """The solution without limits for a twist (6,)."""
+        return resolve(
+            self.jacobian,
+            twist,
+            self.weight,
+            self.gradient,
+            self.gain,
+            row_scale=self.row_scale,
+            null_space_cap=self.null_space_cap,
+            checked=True,
+            svd=self.svd,
+        )
+
+    def solve(
+        self,
+        twist: Array,
+        unconstrained: ClosedFormSolution,
+        bounds: JointBounds,
+        dampers: VelocityDampers | None,
+    ) -> ConstrainedSolution | None:
+        """The solution under limits; None if ``unconstrained``, the closed form of this twist (6,), obeys them."""
+        if constrained.is_feasible(unconstrained.joint_velocity, bounds.lo, bounds.hi, dampers):
+            return None
+        return constrained.solve(
+            self.jacobian,
+            twist,
+            bounds.lo,
+            bounds.hi,
+            self.weight,
+            self.gradient,
+            self.gain,
+            row_scale=self.row_scale,
+            null_space_cap=self.null_space_cap,
+            dampers=dampers,
+            unconstrained=unconstrained,
+            svd=self.svd,
+        )

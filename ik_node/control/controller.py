@@ -80,8 +80,7 @@ class Controller:
         self._following_error = FollowingErrorMonitor(robot, settings.follow)
         self._tick = 0
         self._state: JointState | None = None
-        self._last_step_ns = 0
-        self._retry_ns = 0
+        self._last_step_ns = self._retry_ns = 0
         self._subscribers = 1
         self._keep_targets = False
 
@@ -336,13 +335,12 @@ class Controller:
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)
 
     def _report(self, now: Instant, output: ControlOutput) -> None:
-        self._status.note("limits")
-        late = late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
-        self._status.note(REACH, self._targets.target_note)
-        self._status.note(DIRECTION, self._velocity_controller.off_direction.text)
-        self._status.set_conditions(
-            (*self._velocity_controller.conditions(output), *self._targets.warnings, *late), now
-        )
+        conditions = [*self._velocity_controller.conditions(output), *self._targets.warnings]
+        conditions += late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
+        off_direction = self._velocity_controller.off_direction.text
+        for subject, text in (("limits", ""), (REACH, self._targets.target_note), (DIRECTION, off_direction)):
+            self._status.note(subject, text)
+        self._status.set_conditions(conditions, now)
         mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
         self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))
 

@@ -96,8 +96,10 @@ def measure(commands: list[Command], begin_ns: int, fault_ns: int, end_ns: int, 
         elapsed_s = (command.time_ns - before.time_ns) * 1e-9
         elapsed_s = min(elapsed_s, command.period_s) if is_start else elapsed_s
         reach = command.limits.acceleration * elapsed_s
-        # A lowered limit is in force once it has been reached within the acceleration limit.
-        in_force = np.maximum(command.limits.velocity, np.abs(before.velocity) - reach)
+        # A lowered limit is in force once it has been reached within the acceleration limit. Of a longer interval the
+        # controller uses dt_max_s.
+        slowed = command.limits.acceleration * min(elapsed_s, command.limits.dt_max_s)
+        in_force = np.maximum(command.limits.velocity, np.abs(before.velocity) - slowed)
         over = max(over, float(np.max(np.abs(command.velocity) / in_force)))
         stopped = not command.velocity.any() and command.mode not in CONTROLLED and before.velocity.any()
         change = float(np.max(np.abs(command.velocity - before.velocity) / np.maximum(reach, 1e-12)))

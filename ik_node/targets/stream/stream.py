@@ -122,10 +122,10 @@ class StreamedPoses:
         """
         s = self._state
         s.delivery = delivered(s.delivery, stamped, self._bounds.timeout_s)
-        silent_periods = self.silent_s(stamped.received_ns) / self._gap_period_s
-        if s.newest and BRIDGE_PERIODS < silent_periods < self._bounds.timeout_s / self._gap_period_s:
+        silent_s = self.silent_s(stamped.received_ns)
+        if s.newest and BRIDGE_PERIODS * self._gap_period_s < silent_s < self._bounds.timeout_s:
             s.gap_ns = s.newest.received_ns
-        elif silent_periods > REPEATED:  # samples that have queued up come together
+        elif silent_s > REPEATED * self.period_s:  # samples that have queued up come together
             s.gap_ns = 0
         x, y, z = pose_sd[:3, 3].tolist()
         sample = StreamSample(stamped.time_ns, stamped.received_ns, (x, y, z), from_matrix(pose_sd))

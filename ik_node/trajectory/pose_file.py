@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.errors import InputError, TrajectoryFileError
+from ik_node.errors import InputError, TrajectoryFileError, one_line
 from ik_node.interfaces.clock import NS
 from ik_node.math import se3
 from ik_node.math.types import Array
@@ -24,8 +24,8 @@ class PoseFileTrajectory(SampledTrajectory):
         self._description = description
 
     def describe(self) -> str:
-        """One line with the columns, units and times that were read."""
-        return self._description
+        """One printable line with the columns, units and times that were read."""
+        return one_line(self._description)
 
 
 class PoseFile(NamedTuple):

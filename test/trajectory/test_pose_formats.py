@@ -289,6 +289,15 @@ def test_joints_beside_a_position_are_no_orientation(tmp_path: Path) -> None:
     assert "orientation held" in load(file, None, np.eye(4)).describe()
 
 
+def test_a_name_with_control_characters_is_described_printably(tmp_path: Path) -> None:
+    """Found by the fuzzer: the description goes to a terminal."""
+    file = tmp_path / "control.csv"
+    file.write_bytes(b"\x00\x00x\ty\n1\t2\n2\t3\n")
+    said = load(file, None, np.eye(4)).describe()
+    assert "x00x" in said
+    assert said.isprintable()
+
+
 @pytest.mark.parametrize("names", ["sec,nanosec", "secs,nsecs", "seconds,nanoseconds", "stamp.sec,stamp.nanosec"])
 def test_seconds_and_nanoseconds_are_one_time(tmp_path: Path, names: str) -> None:
     file = tmp_path / "s.csv"

@@ -23,7 +23,9 @@ TWIST_ORDER = ("v_x", "v_y", "v_z", "omega_x", "omega_y", "omega_z")
 """Names of the entries of a twist, linear part first."""
 
 
-def pose_table(solution: PoseSolution, turning: Sequence[bool], *, planar: bool = False, digits: int = 4) -> str:
+def pose_table(
+    solution: PoseSolution, turning: Sequence[bool], *, planar: bool = False, digits: int = 4, partial: bool = False
+) -> str:
     """The table of the lecture notes: i, theta in degrees (metres for prismatic joints), position, V_b, both norms.
 
     Args:
@@ -31,6 +33,7 @@ def pose_table(solution: PoseSolution, turning: Sequence[bool], *, planar: bool 
         turning: True for each revolute joint, (n,).
         planar: True for the columns of a planar arm: (x, y) and (omega_z, v_x, v_y).
         digits: Decimals.
+        partial: True for a task with a tolerance: the error to the nearest pose within it, in the place of V_b.
 
     Returns:
         Lines of text; V_b has its angular part first, as in the notes.
@@ -39,13 +42,15 @@ def pose_table(solution: PoseSolution, turning: Sequence[bool], *, planar: bool 
     names = ["theta deg" if turns else "theta m" for turns in turning]
     units = "theta [deg]" if all(turning) else "theta [deg, m]"
     width = digits + 5
+    twist = "V_b = (wz, vx, vy)" if planar else "V_b = (wx, wy, wz, vx, vy, vz)"
+    twist = "error (rx, ry, rz, x, y, z)" if partial else twist
     head = [
         "i".rjust(3),
         units.center(width * len(names)),
         ("(x, y)" if planar else "(x, y, z)").center(width * (2 if planar else 3)),
-        ("V_b = (wz, vx, vy)" if planar else "V_b = (wx, wy, wz, vx, vy, vz)").center(width * len(chosen)),
-        "|w_b|".rjust(10),
-        "|v_b|".rjust(10),
+        twist.center(width * len(chosen)),
+        ("|r|" if partial else "|w_b|").rjust(10),
+        ("|p|" if partial else "|v_b|").rjust(10),
     ]
     lines = ["  ".join(head)]
     for index, row in enumerate(solution.iterates):

@@ -82,7 +82,9 @@ class PoseIterate(NamedTuple):
     pose_sb: Array
     """T_sb(theta^i), (4, 4)."""
     twist: Array
-    """log(T_bd), (6,), linear part first: V_b, or V_s = Ad(T_sb) V_b in the space form."""
+    """log(T_bd), (6,), linear part first: V_b, or V_s = Ad(T_sb) V_b in the space form. With a tolerance: the error to
+    the nearest pose within it, in the axes of the tolerance.
+    """
     norm_omega: float
     """Length of its angular part, rad."""
     norm_v: float
@@ -93,7 +95,7 @@ class PoseSolution(NamedTuple):
     """The result of inverse kinematics."""
 
     converged: bool
-    """True if the pose of ``q`` is within both tolerances and ``q`` within the joint limits."""
+    """True if the pose of ``q`` has both accuracies and ``q`` is within the joint limits."""
     reason: TerminationReason
     q: Array
     """The solution, (n,), rad (m); multiples of 2 pi are added where a revolute joint needs them to be within its

@@ -153,6 +153,14 @@ def wrap_into_limits(theta: Array, chain: KinematicChain) -> tuple[Array, bool]:
     return wrapped, bool(((wrapped >= lower) & (wrapped <= upper)).all())
 
 
+def finite_range(chain: KinematicChain) -> tuple[Array, Array]:
+    """Lower and upper ends, (n,) each, of the joint range; where limits are missing, of one turn or of two metres."""
+    lower, upper = chain.limits.lower, chain.limits.upper
+    reach = np.where(chain.turning, np.pi, 1.0)
+    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * reach, -reach))
+    return low, np.where(np.isfinite(upper), upper, low + 2.0 * reach)
+
+
 def _bound(values: ArrayLike | None, default: float, n: int, name: str) -> Array:
     if values is None:
         return np.full(n, default)

@@ -4,6 +4,8 @@ the full 10,000 poses per robot and measures the times."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -208,5 +210,6 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="restarts"):
         solver.solve(np.eye(4), restarts=-1)
     for wrong in ("eps_omega", "eps_v", "search_iterations", "max_iterations"):
+        arguments: dict[str, Any] = {wrong: 0}
         with pytest.raises(InputError, match=wrong):
-            PoseSolver(arm, **{wrong: 0})
+            PoseSolver(arm, **arguments)

@@ -8,5 +8,6 @@
 positions q. :class:`.screw_chain.ScrewChain` has the same interface for arms defined by screw axes.
 :mod:`.joint_limits` turns the limits of URDF and settings into bounds on the joint velocity of one control step.
 :mod:`.frames` gives the poses of the frames of targets and obstacles, :mod:`.srdf` reads the disabled collision pairs,
-and :class:`.simulated_arm.SimulatedArm` integrates velocity commands.
+:mod:`.task_rank` states what an arm can follow of a task, and :class:`.simulated_arm.SimulatedArm`
+integrates velocity commands.
 """

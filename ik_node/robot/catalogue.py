@@ -29,6 +29,8 @@ class CatalogueEntry(NamedTuple):
 ARMS = {
     "kinova": CatalogueEntry("kinova_description/robots/kinova.urdf", "j2s6s200_link_base", "j2s6s200_end_effector"),
     "panda": CatalogueEntry("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
+    "so100": CatalogueEntry("so_arm_description/urdf/so100.urdf", "base", "gripper"),
+    "so101": CatalogueEntry("so_arm_description/urdf/so101.urdf", "base_link", "gripper_frame_link"),
     "talos_arm": CatalogueEntry(
         "talos_data/robots/talos_left_arm.urdf", "arm_left_1_link", "wrist_left_ft_tool_link", "srdf/talos.srdf"
     ),

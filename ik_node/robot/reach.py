@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.math.types import Array
+from ik_node.robot.reduced_model import frame_id
 from ik_node.robot.robot import Robot
 
 MARGIN_M = 0.01
@@ -30,7 +31,7 @@ class Reach(NamedTuple):
 def reach_of(robot: Robot) -> Reach:
     """The reach of a robot's tool. Limits of revolute joints are not used, so the tool may reach less than this."""
     model = robot.model
-    tip = model.frames[model.getFrameId(robot.tip_frame)]
+    tip = model.frames[frame_id(model, robot.tip_frame)]
     chain = [joint for joint in model.supports[tip.parentJoint] if joint > 0]
     radius = float(np.linalg.norm(tip.placement.translation))
     first = model.jointPlacements[chain[0]].translation if chain else tip.placement.translation

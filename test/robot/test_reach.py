@@ -14,6 +14,7 @@ ARMS = {
     "panda": lambda: make_robot("panda"),
     "ur5": lambda: make_robot("ur5"),
     "kinova": lambda: make_robot("kinova"),
+    "so100": lambda: make_robot("so100"),  # a joint has the name of its tip frame
     "prismatic": lambda: ball_arm("rprrpr", "0.4 -0.2 0.7"),
 }
 

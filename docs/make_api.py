@@ -16,7 +16,7 @@ PROJECT = DOCS.parent
 API = DOCS / "api.md"
 SECTIONS = {
     "Robots": ("load_robot", "Robot", "SimulatedArm"),
-    "Inverse kinematics": ("solve_pose", "resolve", "METHODS", "solve"),
+    "Inverse kinematics": ("solve_pose", "TaskTolerance", "task_rank", "resolve", "METHODS", "solve"),
     "Control": ("Settings", "Controller", "Instant", "JointSample", "PoseSample", "Step"),
     "Recordings": ("load_run",),
     "Errors": (),

@@ -42,10 +42,12 @@ if TYPE_CHECKING:
     from ik_node.interfaces.samples import JointSample, PoseSample
     from ik_node.interfaces.step import Step
     from ik_node.inverse_kinematics.pose_solver import solve_pose
+    from ik_node.math.task_tolerance import TaskTolerance
     from ik_node.recording.run_reader import load_run
     from ik_node.robot.catalogue import load_robot
     from ik_node.robot.robot import Robot
     from ik_node.robot.simulated_arm import SimulatedArm
+    from ik_node.robot.task_rank import task_rank
     from ik_node.settings.groups import Settings
 
 __version__ = "0.2.0"
@@ -69,6 +71,7 @@ __all__ = [
     "StateRefused",
     "Step",
     "TargetRefused",
+    "TaskTolerance",
     "TrajectoryFileError",
     "UnknownNameError",
     "load_robot",
@@ -76,6 +79,7 @@ __all__ = [
     "resolve",
     "solve",
     "solve_pose",
+    "task_rank",
 ]
 
 if not TYPE_CHECKING:  # a type checker reads the imports above and reports unknown names
@@ -89,11 +93,13 @@ if not TYPE_CHECKING:  # a type checker reads the imports above and reports unkn
         "Settings": "settings.groups",
         "SimulatedArm": "robot.simulated_arm",
         "Step": "interfaces.step",
+        "TaskTolerance": "math.task_tolerance",
         "load_robot": "robot.catalogue",
         "load_run": "recording.run_reader",
         "resolve": "differential_ik.closed_form",
         "solve": "differential_ik.constrained",
         "solve_pose": "inverse_kinematics.pose_solver",
+        "task_rank": "robot.task_rank",
     }
     """Exported name -> module below ``ik_node``; the other exported names are in ``errors``."""
 

@@ -14,11 +14,13 @@ from ik_node.errors import IkNodeError, InputError
 
 if TYPE_CHECKING:
     from ik_node.inverse_kinematics.newton_raphson import PoseSolution
+    from ik_node.math.task_tolerance import TaskTolerance
     from ik_node.math.types import Array
     from ik_node.robot.robot import Robot
     from ik_node.robot.screw_chain import ScrewChain
 
 FORMS = ("body", "space")
+FRAMES = ("tool", "base")
 EXAMPLES = ("2r", "plateau")
 EPILOG = """\
 examples:
@@ -27,6 +29,10 @@ examples:
   ik_solve --robot panda --target "0.4 0.1 0.5 1 0 0 0"  damped search with restarts, within the joint limits
   ik_solve --robot ur5 --target "-0.5 0.1 0.1 0.5 0.5 -0.5 0.5" --seed 2.6 0.6 -1.7 1.1 -0.6 -1.6 --restarts 0
                                                          pure Newton-Raphson from the seed
+  ik_solve --robot ur5 --target "0.4 0.2 0.4 1 0 0 0" --tolerance 0 0 0 0 0 inf
+                                                         position and direction of the tool axis; it may spin
+  ik_solve --robot so101 --target "0.25 0.1 0.1 0 0.8660254 0 0.5" --tolerance 0 0 0 0 0 inf --frame base
+                                                         five joints: the yaw about the vertical is free
 exit code: 0 converged, 1 not converged, 2 invalid arguments
 """
 
@@ -43,14 +49,21 @@ def parser() -> argparse.ArgumentParser:
     problem.add_argument("--tip", default="", help="tool frame {b} [the robot's usual tool]")
     problem.add_argument("--target", metavar='"X Y Z QX QY QZ QW"', help="pose of the tip in the base, m")
     problem.add_argument("--example", choices=EXAMPLES, help="a worked example of docs/notes.md instead of a robot")
+    problem.add_argument(
+        "--tolerance",
+        nargs="+",
+        metavar="T",
+        help="half-widths x y z rx ry rz about the target, m and rad: 0 is exact, inf free [0 0 0 0 0 0]",
+    )
+    problem.add_argument("--frame", choices=FRAMES, help="axes of --tolerance: those of the target or of --base [tool]")
     method = result.add_argument_group("method")
     method.add_argument("--seed", nargs="+", metavar="Q", help="joint positions to start from [middle of the range]")
     method.add_argument(
         "--restarts", type=int, help="further starts at most; 0: pure Newton-Raphson, no limits in the steps [many]"
     )
     method.add_argument("--form", choices=FORMS, default="body", help="frame of twist and Jacobian, with --restarts 0")
-    method.add_argument("--eps-omega", type=float, help="tolerance on the rotation, rad [1e-6; --example 2r: 1e-3]")
-    method.add_argument("--eps-v", type=float, help="tolerance on the position, m [1e-6; --example 2r: 1e-4]")
+    method.add_argument("--eps-omega", type=float, help="accuracy of the rotation, rad [1e-6; --example 2r: 1e-3]")
+    method.add_argument("--eps-v", type=float, help="accuracy of the position, m [1e-6; --example 2r: 1e-4]")
     method.add_argument("--max-iterations", type=int, help="cap on all iterations together [3000; pure: 100]")
     output = result.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON instead of the table")
@@ -67,6 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     options = parser().parse_args([_shield(argument) for argument in given])
     try:
+        if options.example is not None and (options.tolerance is not None or options.frame is not None):
+            raise InputError("--tolerance and --frame need a robot; --example has neither")
         if options.example == "plateau":
             return _plateau(options)
         if options.example == "2r":
@@ -105,6 +120,18 @@ def _target(text: str | None) -> Array:
     return se3.pose_from(numbers[:3], numbers[3:], "--target")
 
 
+def _task_tolerance(options: argparse.Namespace) -> TaskTolerance:
+    from ik_node.math.task_tolerance import TaskTolerance
+
+    if options.tolerance is None:
+        if options.frame is not None:
+            raise InputError("--frame has no effect without --tolerance")
+        return TaskTolerance()
+    if options.restarts == 0:
+        raise InputError("--tolerance cannot be used with --restarts 0, which is Newton-Raphson on the whole pose")
+    return TaskTolerance(_numbers(options.tolerance, "--tolerance"), options.frame or "tool")
+
+
 def _load(options: argparse.Namespace) -> Robot:
     from ik_node.robot import catalogue
     from ik_node.robot.robot import Robot
@@ -124,7 +151,9 @@ def _robot(options: argparse.Namespace) -> int:
     from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
     from ik_node.inverse_kinematics.pose_solver import PoseSolver
     from ik_node.math.numerics import checked_vector
+    from ik_node.robot.task_rank import task_rank
 
+    tolerance = _task_tolerance(options)
     robot = _load(options)
     for fault in robot.limit_faults:
         print(f"warning: {fault.text}; taken as none", file=sys.stderr)
@@ -133,11 +162,12 @@ def _robot(options: argparse.Namespace) -> int:
         print(f"warning: --tip is missing: {used}", file=sys.stderr)
     pose_sd = _target(options.target)
     seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
-    eps_omega, eps_v = _tolerances(options, 1e-6, 1e-6)
+    eps_omega, eps_v = _accuracies(options, 1e-6, 1e-6)
     pure = options.restarts == 0
     solver = PoseSolver(
-        robot, eps_omega=eps_omega, eps_v=eps_v, max_iterations=_given(options.max_iterations, 100 if pure else 3000)
-    )
+        robot, eps_omega=eps_omega, eps_v=eps_v, max_iterations=_given(options.max_iterations, 100 if pure else 3000),
+        tolerance=tolerance,
+    )  # fmt: skip
     if pure:
         start = solver.start(0) if seed is None else seed
         solution = solve_pose_newton(
@@ -146,14 +176,25 @@ def _robot(options: argparse.Namespace) -> int:
         )  # fmt: skip
     else:
         solution = solver.solve(pose_sd, seed, restarts=options.restarts)
-    about = {
+    about: dict[str, Any] = {
         "robot": options.robot or str(options.urdf),
         "base_frame": robot.base_frame,
         "tip_frame": robot.tip_frame,
         "joints": list(robot.joints),
     }
     title = f"{about['robot']}: {robot.tip_frame} seen from {robot.base_frame}, {'pure' if pure else 'damped'} steps"
-    return _finish(options, title, about | {"twist_frame": options.form if pure else "body"}, robot, pose_sd, solution)
+    about["twist_frame"] = options.form if pure else "body" if tolerance.is_exact else tolerance.frame
+    if options.tolerance is not None:
+        title += f", tolerance {tolerance.text()} in the frame {tolerance.frame}"
+        about["tolerance"] = [
+            None if free else width for width, free in zip(tolerance.half_widths, tolerance.free, strict=True)
+        ]
+        about["frame"] = tolerance.frame
+    if not solution.converged:
+        hint = task_rank(robot, tolerance).text(tolerance)
+        if hint:
+            print(f"hint: {hint}", file=sys.stderr)
+    return _finish(options, title, about, robot, pose_sd, solution)
 
 
 def _example_2r(options: argparse.Namespace) -> int:
@@ -165,7 +206,7 @@ def _example_2r(options: argparse.Namespace) -> int:
     start = example.start
     if options.seed is not None:
         start = checked_vector(_numbers(options.seed, "--seed"), 2, "--seed")
-    eps_omega, eps_v = _tolerances(options, 1e-3, 1e-4)
+    eps_omega, eps_v = _accuracies(options, 1e-3, 1e-4)
     solution = solve_pose_newton(
         example.chain, example.pose_sd, start, eps_omega=eps_omega, eps_v=eps_v, form=options.form,
         max_iterations=_given(options.max_iterations, 100),
@@ -195,7 +236,8 @@ def _finish(
         planar = options.example == "2r"
         digits = _given(options.digits, 3 if planar else 4)
         revolute = chain.turning if isinstance(chain, ScrewChain) else chain.revolute
-        print(pose_table(solution, revolute.tolist(), planar=planar, digits=digits))
+        partial = options.tolerance is not None
+        print(pose_table(solution, revolute.tolist(), planar=planar, digits=digits, partial=partial))
         counts = _count(solution.iterations, "iteration", "iterations")
         if solution.searches > 1:
             counts += f" in {solution.searches} searches"
@@ -236,7 +278,7 @@ def _count(number: int, singular: str, plural: str) -> str:
     return f"{number} {singular if number == 1 else plural}"
 
 
-def _tolerances(options: argparse.Namespace, eps_omega: float, eps_v: float) -> tuple[float, float]:
+def _accuracies(options: argparse.Namespace, eps_omega: float, eps_v: float) -> tuple[float, float]:
     return _given(options.eps_omega, eps_omega), _given(options.eps_v, eps_v)
 
 

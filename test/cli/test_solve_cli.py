@@ -12,13 +12,16 @@ import pytest
 
 from ik_node.cli.solve import main
 from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
+from ik_node.inverse_kinematics.pose_solver import solve_pose
 from ik_node.inverse_kinematics.worked_examples import planar_2r
 from ik_node.math import se3
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.robot import catalogue
 from ik_node.robot.robot import Robot
 
 POSE = "0.4 0.1 0.5 1 0 0 0"
 UR5 = ["--robot", "ur5", "--target", "-0.5 0.1 0.1 0.5 0.5 -0.5 0.5"]
+SO101 = ["--robot", "so101", "--target", "0.25 0.1 0.1 0 0.8660254 0 0.5"]
 SEED = ["--seed", "2.6", "0.6", "-1.7", "1.1", "-0.6", "-1.6"]
 
 
@@ -156,3 +159,57 @@ def test_pictures_are_written(arguments: list[str], tmp_path: Path) -> None:
         assert main([*arguments, "--plot", str(path)]) == 0
         assert path.read_bytes().startswith(start)
         assert path.stat().st_size > 10_000
+
+
+def test_a_tolerance_solves_a_part_of_the_pose(capsys: pytest.CaptureFixture[str]) -> None:
+    # Both spellings of the tolerance; the same solution as in the library; null stands for a free component.
+    robot = catalogue.load_robot("so101")
+    pose = se3.pose_from([0.25, 0.1, 0.1], np.array([0.0, 0.75**0.5, 0.0, 0.5]))
+    free_yaw = TaskTolerance((0.0, 0.0, 0.0, 0.0, 0.0, np.inf), "base")
+    words = document(capsys, *SO101, "--tolerance", "0", "0", "0", "0", "0", "inf", "--frame", "base")
+    text = document(capsys, *SO101, "--tolerance", "0 0 0 0 0 inf", "--frame", "base")
+    assert words == text
+    assert (words["converged"], words["twist_frame"], words["frame"]) == (True, "base", "base")
+    assert words["tolerance"] == [0.0, 0.0, 0.0, 0.0, 0.0, None]
+    np.testing.assert_allclose(words["q"], solve_pose(robot, pose, tolerance=free_yaw).q, atol=1e-6)
+    assert main([*SO101, "--tolerance", "0 0 0 0 0 inf", "--frame", "base"]) == 0
+    printed = capsys.readouterr().out
+    assert "tolerance 0 0 0 0 0 inf in the frame base" in printed
+    assert "error (rx, ry, rz, x, y, z)" in printed
+
+
+def test_what_an_arm_cannot_follow_is_named_with_a_proposal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SO101, "--max-iterations", "300"]) == 1
+    hint = capsys.readouterr().err.strip()
+    assert hint.startswith("hint: the arm can follow 5 of 6 exact components in general; rz in the frame base")
+    assert hint.endswith("proposed tolerance: 0 0 0 0 0 inf in the frame base")
+    assert "\n" not in hint
+    assert main(["--robot", "ur5", "--target", "3 0 0 0 0 0 1", "--max-iterations", "100"]) == 1
+    assert capsys.readouterr().err == ""
+
+
+def test_the_frame_of_a_tolerance_is_the_tool_by_default(capsys: pytest.CaptureFixture[str]) -> None:
+    default = document(capsys, *UR5, *SEED, "--tolerance", "0 0 0 0 0 inf")
+    assert default == document(capsys, *UR5, *SEED, "--tolerance", "0 0 0 0 0 inf", "--frame", "tool")
+    assert default["searches"] >= 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([*UR5, "--tolerance", "0", "0"], "task tolerance has 2 numbers; expected 6: x y z rx ry rz"),
+        ([*UR5, "--tolerance", "0 0 0 0 0 free"], "--tolerance is '0 0 0 0 0 free'; expected numbers"),
+        ([*UR5, "--tolerance", "0", "0", "0", "-1e-3", "0", "0"], "task tolerance rx is -0.001"),
+        ([*UR5, "--tolerance", "0 0 0 0 0 nan"], "task tolerance rz is nan"),
+        ([*UR5, "--tolerance", "inf inf inf inf inf inf"], "all six components free"),
+        ([*UR5, "--frame", "base"], "--frame has no effect without --tolerance"),
+        ([*UR5, "--tolerance", "0 0 0 0 0 inf", "--restarts", "0"], "cannot be used with --restarts 0"),
+        (["--example", "2r", "--tolerance", "0 0 0 0 0 inf"], "--tolerance and --frame need a robot"),
+        (["--example", "plateau", "--frame", "tool"], "--tolerance and --frame need a robot"),
+    ],
+)
+def test_bad_tolerances_are_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

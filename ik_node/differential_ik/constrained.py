@@ -3,7 +3,7 @@
 ::
 
     minimise    1/2 qd' W qd + k grad_h' qd
-    subject to  J qd = J qd_0 + (s - s_0) V_f ,      s in [s_0, 1] as large as possible
+    subject to  J qd = J qd_0 + (s - s_0) V_f ,      s in [0, 1] as near to s_wish as possible
                 lo <= qd <= hi                       velocity, position and acceleration limits of this control step
                 N qd >= c                            velocity dampers, if there are any
 
@@ -25,8 +25,8 @@ Null spaces of dimension 0 and 1 are solved exactly (:mod:`ik_node.differential_
 (:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
 is shortened towards qd_0 until it fits.
 
-When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the dampers. The box is
-never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).
+When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the direction, the
+dampers. The box is never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).
 """
 
 from __future__ import annotations
@@ -133,6 +133,7 @@ def solve(
     dampers: VelocityDampers | None = None,
     unconstrained: ClosedFormSolution | None = None,
     svd: Decomposition | None = None,
+    wish: float = 1.0,
 ) -> ConstrainedSolution:
     """Joint velocities for a twist under limits: the optimum of the module's problem.
 
@@ -147,8 +148,10 @@ def solve(
         row_scale: Factors of the rows of J, (m,), > 0, as in :func:`ik_node.differential_ik.closed_form.resolve`.
         null_space_cap: Largest null-space velocity of each joint, (n,), > 0, rad/s (m/s).
         dampers: Velocity dampers.
-        unconstrained: The closed form, if it is known already.
+        unconstrained: The closed form for ``wish`` times the twist, if it is known already.
         svd: Decomposition of J with its rows times ``row_scale``, if it is known already.
+        wish: s_wish, 0 to 1. The box may permit a smaller s only; a larger one is chosen if only that keeps the
+            direction, or comes nearest to it.
 
     Returns:
         The solution. The arrays passed in are not checked.
@@ -164,7 +167,7 @@ def solve(
     if unconstrained is None:
         unconstrained = resolve(
             jacobian,
-            twist,
+            wish * twist,
             weight,
             gradient,
             gain,
@@ -174,8 +177,8 @@ def solve(
             svd=svd,
         )
     if is_feasible(unconstrained.joint_velocity, lo, hi, dampers):
-        return _inactive(unconstrained, jacobian, lo, dampers)
-    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers)
+        return _inactive(unconstrained, jacobian, lo, dampers, wish)
+    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers, wish)
 
 
 def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> bool:
@@ -186,14 +189,14 @@ def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers 
 
 
 def _inactive(
-    unconstrained: ClosedFormSolution, jacobian: Array, lo: Array, dampers: VelocityDampers | None
+    unconstrained: ClosedFormSolution, jacobian: Array, lo: Array, dampers: VelocityDampers | None, wish: float
 ) -> ConstrainedSolution:
     """The closed form as a solution in which no constraint binds."""
     inactive = np.zeros(len(lo), dtype=bool)
     count = 0 if dampers is None else len(dampers.least)
     return ConstrainedSolution(
         unconstrained.joint_velocity,
-        1.0,
+        wish,
         np.zeros(len(lo)),
         0.0,
         jacobian @ unconstrained.joint_velocity,
@@ -217,6 +220,7 @@ def _solve_active(
     gradient: Array | None,
     row_scale: Array,
     dampers: VelocityDampers | None,
+    wish: float,
 ) -> ConstrainedSolution:
     """:func:`solve` for a closed form that violates a constraint."""
     n = len(lo)
@@ -233,11 +237,11 @@ def _solve_active(
     free = unconstrained.joint_velocity
     solve_program = solve_exactly if len(line.null) <= 1 else _solve_by_daqp
     base_scale = np.nan if base.any() else 0.0
-    solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+    solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free, wish)
     if np.isnan(solution.scale):
         scaled = row_scale[:, None] * jacobian
         base, base_scale = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
-        solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free)
+        solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free, wish)
     qd = np.minimum(np.maximum(solution.joint_velocity, lo), hi)
     if not np.isfinite(qd).all():
         raise InputError("the constrained problem contains numbers that are not finite")
@@ -267,6 +271,7 @@ def _solve_by_daqp(
     weight: Array,
     pull: Array,
     free: Array,
+    wish: float,
 ) -> ProgramSolution:
     """:func:`ik_node.differential_ik.exact_program.solve_exactly` for a null space of any dimension."""
     if np.isnan(base_scale):
@@ -276,7 +281,7 @@ def _solve_by_daqp(
             return ProgramSolution(free, np.nan, base, np.nan, False)
         base_scale = entry[0]
         base = np.minimum(np.maximum(base_scale * line.ray + entry[1] @ line.null, lo), hi)
-    direction = (1.0 - base_scale) * line.ray
+    direction = (wish - base_scale) * line.ray
     program = feasible_at_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
     optimum = quadratic_program.largest_scale(program, cost_along(line.null, weight, base, direction, pull))
     if optimum is None:
@@ -286,4 +291,4 @@ def _solve_by_daqp(
     else:
         ratio, z = optimum
         qd = base + ratio * direction + z @ line.null
-    return ProgramSolution(qd, base_scale + ratio * (1.0 - base_scale), base, base_scale, optimum is None)
+    return ProgramSolution(qd, base_scale + ratio * (wish - base_scale), base, base_scale, optimum is None)

@@ -88,6 +88,7 @@ def solve_exactly(
     weight: Array,
     pull: Array,
     free: Array,
+    wish: float,
 ) -> ProgramSolution:
     """The optimum for a null space of dimension 0 or 1.
 
@@ -102,6 +103,7 @@ def solve_exactly(
         weight: W, (n, n), or (0, 0) for the identity.
         pull: Linear term of the cost 1/2 qd' W qd + pull' qd, (n,).
         free: The closed form, (n,); returned if there is no solution.
+        wish: The scale s that is approached as far as box and dampers permit, 0 to 1.
     """
     if np.isnan(base_scale):
         base_scale, z = smallest_scale(
@@ -110,11 +112,11 @@ def solve_exactly(
         if np.isnan(base_scale):
             return ProgramSolution(free, np.nan, base, np.nan, False)
         base = np.minimum(np.maximum(base_scale * line.ray + z @ line.null, lo), hi)
-    direction = (1.0 - base_scale) * line.ray
+    direction = (wish - base_scale) * line.ray
     program = feasible_at_base(program_along(direction, line.null, base, lo, hi, rows, least, line.rounding))
     ratio, z = largest_scale(program, cost_along(line.null, weight, base, direction, pull))
     qd = base + ratio * direction + z @ line.null
-    return ProgramSolution(qd, base_scale + ratio * (1.0 - base_scale), base, base_scale, False)
+    return ProgramSolution(qd, base_scale + ratio * (wish - base_scale), base, base_scale, False)
 
 
 @compiled

@@ -111,7 +111,9 @@ def solve_fast(
             line = task_line(svd, row_scale * twist, np.abs(twist).max())
             base_scale = np.nan if np.any(base != 0.0) else 0.0
             pull = free.gain * gradient if len(gradient) else np.zeros(n)
-            solution = solve_exactly(line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity)
+            solution = solve_exactly(
+                line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity, 1.0
+            )
             velocity = np.minimum(np.maximum(solution.joint_velocity, bounds.lo), bounds.hi)
             scale = solution.scale
             valid = not np.isnan(scale) and np.all(np.isfinite(velocity))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import daqp
 import numpy as np
 
+from ik_node.differential_ik.bounded_least_squares import bounded_least_squares
 from ik_node.differential_ik.exact_program import ROUNDING, LinearProgram, NullSpaceCost
 from ik_node.math.types import Array
 
@@ -32,6 +33,12 @@ set is often a single point. Without this one answer in 2500 is not of least cos
 
 UNLIMITED = 1e30
 """Infinity for DAQP."""
+
+REGULARISATION = 1e-7
+"""Weight of the joint velocities beside the deviation from a ray."""
+
+WEIGHT = 1e4
+"""Factor of a cost whose differences would otherwise be below the solver's tolerance."""
 
 SOLVED = 1
 """DAQP's exit flag of an optimal solution."""
@@ -103,24 +110,35 @@ def _obeys(values: Array, limits: Array) -> bool:
 
 
 def nearest_to_ray(
-    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, fallback: Array
+    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, start: Array
 ) -> tuple[Array, float]:
     """The qd and the t in [0, 1] of least \\|J qd - t V\\| with lo <= qd <= hi and ``rows`` qd >= ``least``.
 
-    Among several minima nearly the one of least \\|qd\\|. If the solver fails: ``fallback`` (n,) and 0.
+    Among several minima nearly the one of least \\|qd\\|. ``start`` (n,) is inside; it is returned with 0 if the solver
+    fails.
     """
-    n = len(lo)
-    deviation = np.column_stack((jacobian, -twist))
-    hessian = deviation.T @ deviation
+    n, speed = len(lo), float(np.sqrt(twist @ twist))
+    # The last unknown is t times |V|, so that the columns are of similar size.
+    ray = twist / speed if speed > 0.0 else twist
+    deviation = np.column_stack((jacobian, -ray))
+    bounds_lo, bounds_hi = np.append(lo, 0.0), np.append(hi, speed)
     # A small regularisation towards zero velocity, which does not change the direction noticeably.
-    hessian[np.diag_indices(n + 1)] += 1e-11 * (1.0 + np.trace(hessian))
-    upper = np.concatenate((np.minimum(hi, UNLIMITED), [1.0], np.full(len(least), UNLIMITED)))
-    lower = np.concatenate((np.maximum(lo, -UNLIMITED), [0.0], least))
-    matrix = np.column_stack((rows, np.zeros(len(least))))
-    point, _, flag, _ = daqp.solve(hessian, np.zeros(n + 1), matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
-    if flag != SOLVED or not np.isfinite(point).all():
-        return fallback, 0.0
-    return np.minimum(np.maximum(point[:n], lo), hi), min(max(float(point[n]), 0.0), 1.0)
+    damped = np.concatenate((deviation, REGULARISATION * np.eye(n + 1)))
+    first = np.append(start, 0.0)
+    if len(least) == 0:
+        point = bounded_least_squares(damped, np.zeros(len(damped)), bounds_lo, bounds_hi, first)
+    else:
+        upper = np.concatenate((np.minimum(bounds_hi, UNLIMITED), np.full(len(least), UNLIMITED)))
+        lower = np.concatenate((np.maximum(bounds_lo, -UNLIMITED), least))
+        matrix = np.column_stack((rows, np.zeros(len(least))))
+        hessian = WEIGHT * (deviation.T @ deviation + 1e-10 * np.eye(n + 1))
+        point, _, flag, _ = daqp.solve(hessian, np.zeros(n + 1), matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+        if flag != SOLVED:
+            return start, 0.0
+    if not np.isfinite(point).all():
+        return start, 0.0
+    t = float(point[n]) / speed if speed > 0.0 else 0.0
+    return np.minimum(np.maximum(point[:n], lo), hi), min(max(t, 0.0), 1.0)
 
 
 def nearest_to_twist(jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array) -> Array | None:

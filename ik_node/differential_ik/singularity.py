@@ -29,7 +29,7 @@ speed with the rate clipped to what is feasible. It is the product of smoothstep
 The singularity scale is the largest factor <= 1 on V at which the rates are within the joints' speeds and the *change*
 of the joint velocities along the path is within their accelerations: qd_e(q) = J^-1 V changes by
 scale^2 (d qd_e/dq) qd_e. This slows the arm down early enough; the limits of one control step would act too late and
-bend the path during braking.
+bend the path during braking. It is a wish: where the joints cannot brake to it along V, s is larger.
 
 A boundary has two branches (an elbow bent either way), and at the boundary itself a small motion changes them. The
 branch that the arm came from is tracked (:mod:`ik_node.differential_ik.singularity_branch`): an arm on the other branch
@@ -113,11 +113,11 @@ class RegulatedTask(NamedTuple):
     jacobian: Array
     """J with singular values raised to ``MIN_SIGMA``; J itself away from singularities."""
     twist: Array
-    """V_f times ``singularity_scale``, (6,)."""
+    """V_f = V - ``truncated``, (6,), as ``jacobian`` attains it."""
     truncated: Array
     """The part of V that is truncated, (6,); zero if V is only scaled down."""
     singularity_scale: float
-    """Factor on V, in (0, 1]."""
+    """Scale s that is wished for, in (0, 1]."""
     retention: float
     """Smallest retention of a direction: 1 retained, 0 truncated."""
     singular_values: Array
@@ -223,12 +223,10 @@ def regulate_singularities(
     scale = min(scale, turn_scale**turn_exponent)
     # Fades in below the threshold, so that there is no step at the threshold.
     scale = 1.0 - (1.0 - scale) * smoothstep((settings.threshold - sigma[-1]) / (0.3 * settings.threshold))
-    rates = scale * wanted
     # Completely clipped below a retention of 1/2: any remainder of a blocked direction would block everything.
-    # Not faster than V at this scale either: the tool would leave the direction of V_f.
-    retained, fastest = np.maximum(2.0 * retention[critical] - 1.0, 0.0), scale * np.abs(wanted[critical])
-    rates[critical] = retained * rates[critical] + (1.0 - retained) * np.clip(clipped[critical], -fastest, fastest)
-    executed = rates * sigma / max(scale, MIN_SCALE)
+    retained, rates = np.maximum(2.0 * retention[critical] - 1.0, 0.0), wanted.copy()
+    truncated = _at_full_speed(clipped[critical], wanted[critical], scale)
+    rates[critical] = retained * rates[critical] + (1.0 - retained) * truncated
     raised = np.maximum(sigma, MIN_SIGMA)
     regular = jacobian if sigma[-1] >= MIN_SIGMA else ((u * raised) @ rows) / row_scale[:, None]
     max_delay_s = settings.timeout_s + TRUNCATION_S + MAX_EXTRA_DELAY_S
@@ -236,13 +234,23 @@ def regulate_singularities(
     return RegulatedTask(
         regular,
         (u @ (raised * rates)) / row_scale,
-        (u @ np.where((retention < 1.0) | (sigma < settings.tolerance), near.along - executed, 0.0)) / row_scale,
+        (u @ np.where((retention < 1.0) | (sigma < settings.tolerance), near.along - rates * sigma, 0.0)) / row_scale,
         scale,
         float(retention[critical].min()),
         sigma,
         svd if regular is jacobian else None,
         after._replace(delay_s=delay_s, branch=branch),
     )
+
+
+def _at_full_speed(clipped: Array, wanted: Array, scale: float) -> Array:
+    """Rates of V_f that are the clipped ones at this scale; not beyond the wanted ones, unless bounds force them to be.
+
+    A direction that went on faster than V does at this scale would lead the tool off the direction of V_f.
+    """
+    rates = clipped / max(scale, MIN_SCALE)
+    permitted = (clipped * wanted >= 0.0) & (np.abs(clipped) <= np.abs(wanted))
+    return np.where(permitted, np.clip(rates, -np.abs(wanted), np.abs(wanted)), rates)
 
 
 def _max_rate(analysis: DirectionAnalysis, sigma: float, along: float, retention: float, threshold: float) -> float:

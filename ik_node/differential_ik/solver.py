@@ -186,8 +186,9 @@ class DifferentialIkSolver:
             gain = self._control.gradient_gain
         problem = TaskProblem(task.jacobian, weight, gradient, gain, self._row_scale, self._null_space_cap, task.svd)
         dampers = None if terms is None else terms.dampers
-        closed = problem.closed_form(task.twist)
-        limited = problem.solve(task.twist, closed, bounds, dampers)
+        wish = task.singularity_scale
+        closed = problem.closed_form(wish * task.twist)
+        limited = problem.solve(task.twist, wish, closed, bounds, dampers)
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             faded = resolve(
                 jacobian,
@@ -202,19 +203,18 @@ class DifferentialIkSolver:
             closed = closed._replace(
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
-        scale = 1.0 if limited is None else limited.task_scale
-        stalled_s = self._stalled_time(twist_b, task.singularity_scale * scale, state.elapsed_s)
-        self._snapshot = SolverSnapshot(task.state, scale, stalled_s)
+        scale = wish if limited is None else limited.task_scale
+        stalled_s = self._stalled_time(twist_b, scale, state.elapsed_s)
+        self._snapshot = SolverSnapshot(task.state, 1.0 if scale >= wish else scale / wish, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if limited is not None and stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s)
         velocity = _within_velocity_limits(velocity, bounds)
-        scale *= task.singularity_scale
         off_direction = jacobian @ velocity - scale * (twist_b - task.truncated)
         return DifferentialIkSolution(
             velocity,
             scale,
-            task.singularity_scale,
+            wish,
             task.truncated,
             off_direction,
             self._limits_off_direction(off_direction, limited, jacobian, bounds, dampers),

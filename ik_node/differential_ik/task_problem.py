@@ -57,11 +57,20 @@ class TaskProblem:
     def solve(
         self,
         twist: Array,
+        wish: float,
         unconstrained: ClosedFormSolution,
         bounds: JointBounds,
         dampers: VelocityDampers | None,
     ) -> ConstrainedSolution | None:
-        """The solution under limits; None if ``unconstrained``, the closed form of this twist (6,), obeys them."""
+        """The solution under limits; None if ``unconstrained``, the closed form of ``wish`` V_f, obeys them.
+
+        Args:
+            twist: V_f, (6,).
+            wish: The scale that is approached; see :func:`ik_node.differential_ik.constrained.solve`.
+            unconstrained: The closed form.
+            bounds: Limits of this control step.
+            dampers: Velocity dampers.
+        """
         if constrained.is_feasible(unconstrained.joint_velocity, bounds.lo, bounds.hi, dampers):
             return None
         return constrained.solve(
@@ -77,4 +86,5 @@ class TaskProblem:
             dampers=dampers,
             unconstrained=unconstrained,
             svd=self.svd,
+            wish=wish,
         )

@@ -69,7 +69,7 @@ class Peer:
 
     def close(self) -> None:
         """Stop the started processes and leave the domain."""
-        for process in self.processes:
+        for process in reversed(self.processes):  # the watchdog, started first, ends after the node
             process.stop(signal.SIGTERM, 30.0)
         self.executor.shutdown(0.5)
         self.node.destroy_node()
@@ -160,9 +160,9 @@ class Peer:
         """Reason of that mode."""
         return self.statuses[-1][1] if self.statuses else ""
 
-    def subscribe_commands(self) -> None:
-        """Receive commands; done at first, and again after a test has ended the subscription."""
-        self.node.create_subscription(Float64MultiArray, self._command_topic, self._on_command, qos.OUTPUT)
+    def subscribe_commands(self, topic: str = "") -> None:
+        """Receive commands; done at first, and again after a test has ended the subscription or for another topic."""
+        self.node.create_subscription(Float64MultiArray, topic or self._command_topic, self._on_command, qos.OUTPUT)
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.commands.append(np.array(message.data))

@@ -7,19 +7,23 @@ such message follows a non-zero one in time. Commands of others, on the same com
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Sequence
+from types import FrameType
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from ik_node.interfaces.step import Level, Mode, Status
 from ik_node.messages import encode
 from ik_node.ros import parameters, qos
+from ik_node.ros.spin import SPIN_TIMEOUT_S
 from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.settings.schema import Descriptor
 
@@ -128,5 +132,22 @@ class WatchdogNode(Node):  # type: ignore[misc]
             publisher.publish(data)
 
     def finish(self, executor: Any) -> None:
-        """Do nothing: there is nothing to close."""
-        del executor
+        """Monitor until the commands are zero: the signal may have reached ``ik_node`` too, which ramps to zero then.
+
+        SIGTERM ends this at once.
+        """
+        ended = Future()
+
+        def end(number: int, frame: FrameType | None) -> None:
+            del number, frame
+            ended.set_result(None)
+
+        def end_at_rest() -> None:
+            if not self._last.any():
+                ended.set_result(None)
+
+        signal.signal(signal.SIGTERM, end)
+        if self._last.any():
+            self.get_logger().info("ends when the commands are zero; SIGTERM ends it at once")
+            create_steady_timer(self, self._timeout_s / CHECKS_PER_TIMEOUT, end_at_rest)
+            executor.spin_until_future_complete(ended, SPIN_TIMEOUT_S)

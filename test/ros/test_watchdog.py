@@ -118,7 +118,8 @@ def test_the_diagnostics_of_the_node_know_the_watchdog(peer: Peer, tmp_path: Pat
     watchdog = peer.start("watchdog", tmp_path)
     peer.until("a watchdog", lambda: states[-1:] == ["ready"], arm)
     assert "ready: zeros on /ik_node/commands after 0.1 s" in watchdog.log.read_text()
-    watchdog.stop(signal.SIGTERM, 60.0)
+    os.kill(watchdog.pid, signal.SIGINT)
+    watchdog.stop(signal.SIGTERM, 60.0)  # the second signal: it may hold the arm with small commands
     peer.until("no watchdog again", lambda: states[-1:] == ["absent"], arm)
 
 
@@ -131,3 +132,28 @@ def test_a_node_that_ends_in_good_order_is_left_alone(peer: Peer, tmp_path: Path
     assert not peer.commands[-1].any()
     assert last_zeros(peer) <= 3
     assert "the arm was stopped" not in peer.processes[0].log.read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_watchdog_monitors_until_the_arm_is_at_rest(peer: Peer, tmp_path: Path, number: int) -> None:
+    """Ctrl-C reaches node and watchdog at the same time; the ramp of the node needs the watchdog as well."""
+    arm = moving(peer, tmp_path, 0.1)
+    watchdog, node = peer.processes
+    os.kill(watchdog.pid, number)
+    os.kill(watchdog.pid, signal.SIGINT)  # an impatient user
+    peer.until("the line", lambda: "ends when the commands are zero" in watchdog.log.read_text(), arm)
+    assert peer.commands[-1].any() and watchdog.exit_code is None
+    os.kill(node.pid, signal.SIGKILL)
+    peer.until("the end of the watchdog", lambda: watchdog.exit_code is not None, arm)
+    peer.until("zeros", lambda: not peer.commands[-1].any(), arm)
+    assert watchdog.exit_code == 0
+
+
+def test_sigterm_after_another_signal_ends_the_watchdog_at_once(peer: Peer, tmp_path: Path) -> None:
+    arm = moving(peer, tmp_path, 0.1)
+    watchdog = peer.processes[0]
+    os.kill(watchdog.pid, signal.SIGINT)
+    peer.until("the line", lambda: "ends when the commands are zero" in watchdog.log.read_text(), arm)
+    os.kill(watchdog.pid, signal.SIGTERM)
+    peer.until("the end of the watchdog", lambda: watchdog.exit_code is not None, arm)
+    assert watchdog.exit_code == 0 and peer.commands[-1].any()

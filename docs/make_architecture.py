@@ -19,6 +19,7 @@ from test_architecture import FLOOR, FLOORS, PACKAGE, ROOMS, imports, name_of, r
 
 BEGIN, END = "<!-- imports: begin -->\n", "<!-- imports: end -->"
 
+LOOSE = ("jit", "dependencies", "errors")
 COLUMNS = {
     "cli": (0, 4),
     "ros": (0, 4),
@@ -39,6 +40,7 @@ COLUMNS = {
     "settings": (2, 2),
     "resources": (4, 4),
     "jit": (0, 0),
+    "dependencies": (0, 0),
     "errors": (1, 4),
 }
 """First and last column of each room in the drawing; its row is its floor."""
@@ -46,7 +48,7 @@ GROUPS = {
     "executables and ROS": ("#fdeedd", ("cli", "ros")),
     "recorded runs": ("#e6f2e6", ("viewer", "replay", "report", "recording", "messages")),
     "control": ("#e3ecf7", ("control", "differential_ik", "targets", "collision", "inverse_kinematics", "robot")),
-    "common": ("#f1f1f1", ("trajectory", "interfaces", "math", "settings", "resources", "jit", "errors")),
+    "common": ("#f1f1f1", ("trajectory", "interfaces", "math", "settings", "resources", *LOOSE)),
 }
 """Group -> colour, rooms."""
 WIDTH, COLUMN, GUTTER, MARGIN, GAP = 1220, 220, 20, 20, 26

@@ -66,6 +66,14 @@ class MissingPackageError(IkNodeError, ImportError):
         super().__init__(f"package {package or '?'} is missing{hint}", name=error.name)
 
 
+class PackagesError(IkNodeError, ImportError):
+    """Numerical packages are missing or do not fit together; the message names them, and what to do."""
+
+    def __init__(self, problem: str) -> None:
+        """``problem``: which packages, and why."""
+        super().__init__(f"{problem}; install all of requirements.txt in one virtual environment: docs/jazzy.md")
+
+
 class SettingsError(IkNodeError, ValueError):
     """A parameter has a value outside its type, range or choices, or is not a parameter."""
 

@@ -25,6 +25,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from ik_node import dependencies
+
+dependencies.check(dependencies.COMPILED)  # before numba: a misfit must not change numbers
+
 import numba
 from llvmlite import binding
 

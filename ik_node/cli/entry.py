@@ -8,12 +8,12 @@ import select
 import sys
 from collections.abc import Callable, Sequence
 
-from ik_node.errors import EXTRAS, MissingPackageError
+from ik_node.errors import EXTRAS, MissingPackageError, PackagesError
 
 CLOSED_OUTPUT = 141
 """Exit code when the reader of the output has closed it: that of a process ended by SIGPIPE in a shell."""
 UNUSABLE = 2
-"""Exit code when a package is missing."""
+"""Exit code when a package is missing or does not fit."""
 
 Main = Callable[[Sequence[str] | None], int]
 
@@ -24,7 +24,8 @@ def command_line(main: Main) -> Callable[..., int]:
     The result returns :data:`CLOSED_OUTPUT` when the reader of stdout or stderr has closed it. The signal SIGPIPE keeps
     its Python default, since it would end a node for any broken connection; a BrokenPipeError of another file is
     raised.
-    When a package of an extra is missing the result prints the extra and returns :data:`UNUSABLE`.
+    When a package of an extra is missing, or numerical packages do not fit together, the result prints one line and
+    returns :data:`UNUSABLE`.
     """
 
     @functools.wraps(main)
@@ -38,6 +39,9 @@ def command_line(main: Main) -> Callable[..., int]:
             if not _is_output_closed():
                 raise
             return CLOSED_OUTPUT
+        except PackagesError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return UNUSABLE
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] not in EXTRAS:
                 raise

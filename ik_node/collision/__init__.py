@@ -9,3 +9,7 @@ with the compiled functions of :mod:`.distance_kernels`. :mod:`.avoidance` turns
     obstacle samples -> update_obstacles() -> Scene
     q, qd -> update() -> AvoidanceTerms (potential, dampers, closest pair)
 """
+
+from ik_node import dependencies
+
+dependencies.check(dependencies.ROBOTICS)

@@ -10,8 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
+
+from ik_node import dependencies
+
+dependencies.check(dependencies.ROBOTICS)
+
+import pinocchio as pin
 
 from ik_node.errors import RobotError
 from ik_node.jit import compiled

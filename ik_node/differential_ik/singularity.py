@@ -244,13 +244,11 @@ def regulate_singularities(
 
 
 def _at_full_speed(clipped: Array, wanted: Array, scale: float) -> Array:
-    """Rates of V_f that are the clipped ones at this scale; not beyond the wanted ones, unless bounds force them to be.
+    """Rates of V_f that are the clipped ones at this scale, and not beyond the wanted ones.
 
     A direction that went on faster than V does at this scale would lead the tool off the direction of V_f.
     """
-    rates = clipped / max(scale, MIN_SCALE)
-    permitted = (clipped * wanted >= 0.0) & (np.abs(clipped) <= np.abs(wanted))
-    return np.where(permitted, np.clip(rates, -np.abs(wanted), np.abs(wanted)), rates)
+    return np.asarray(np.clip(clipped / max(scale, MIN_SCALE), -np.abs(wanted), np.abs(wanted)))
 
 
 def _max_rate(analysis: DirectionAnalysis, sigma: float, along: float, retention: float, threshold: float) -> float:

@@ -49,8 +49,12 @@ class StreamDelivery(NamedTuple):
 
     @property
     def period_ns(self) -> int:
-        """Median interval; 0 before the second sample."""
-        return sorted(self.intervals_ns)[len(self.intervals_ns) // 2] if self.intervals_ns else 0
+        """Median interval, without those of samples that a sender published together; 0 while few are known."""
+        if len(self.intervals_ns) < INTERVALS:
+            return 0
+        shortest_ns = EARLY * sum(self.intervals_ns) / len(self.intervals_ns)
+        regular = sorted(interval for interval in self.intervals_ns if interval > shortest_ns)
+        return regular[len(regular) // 2]
 
 
 def target_times(stamp_ns: int, now: Instant) -> Stamped:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from timed_loop import TimedLoop
+from timed_loop import MS, TimedLoop
 
 from ik_node.control.late_inputs import GAP, HELD, HELD_UP
+from ik_node.interfaces.clock import NS, Stamped
+from ik_node.interfaces.delivery import StreamDelivery, delivered
 from ik_node.interfaces.step import OFF_DIRECTION, Mode
 
 
@@ -96,3 +98,13 @@ def test_targets_that_queue_up_are_late_and_not_lost(moving: TimedLoop, stamped:
     assert 3 <= counts["targets_late"] - before["targets_late"] <= 4
     assert counts["targets"] == moving.sent
     assert 0 <= counts["target_age_ms"] <= 20
+
+
+def test_samples_that_a_sender_publishes_together_are_not_lost() -> None:
+    """A sender at 50 Hz that is held up for 0.2 s again and again; their stamps are the times of publication."""
+    delivery = StreamDelivery()
+    for burst in range(20):
+        for index in range(10):
+            time_ns = NS + burst * 200 * MS + index * MS // 20
+            delivery = delivered(delivery, Stamped(time_ns, time_ns + MS, 0), 0.5)
+    assert (delivery.received, delivery.lost, delivery.late) == (200, 0, 0)

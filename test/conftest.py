@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 from domains import own_domain
+from support import Run
 
 PROJECT = Path(__file__).resolve().parent.parent
 
@@ -74,3 +78,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         terminalreporter.write(text)
         if (file := config.getoption("--fault-table")) is not None:
             file.write_text(text)
+
+
+@pytest.fixture(scope="module")
+def in_own_process() -> Iterator[Run]:
+    """Runs functions in one process per module of tests."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        yield lambda check, *arguments: pool.submit(check, *arguments).result()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 PROJECT = Path(__file__).resolve().parent.parent
+Run = Callable[..., Any]
+"""Calls a function of a test module with arguments, and returns or raises what it does."""
 
 
 def shared_path(*parts: str) -> Path:

@@ -8,15 +8,12 @@ computes distances of other arms that differ by up to 1e-12 m, so that recording
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from loop import Loop, make_robot
+from support import Run
 
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.control.start_posture import CLEARANCE_M, LIMIT_MARGIN, choose_start_posture
@@ -27,15 +24,6 @@ from ik_node.trajectory.shapes import circle
 
 LEAST_SINGULAR_VALUE = {"tiago_no_hand": 0.15, "pr2": 0.15, "baxter": 0.12, "so101": 0.04, "panda": 0.15, "a1": 0.1}
 """m; the largest that 100,000 random postures have is at most twice as large."""
-
-
-Run = Callable[..., Any]
-
-
-@pytest.fixture(scope="module")
-def in_own_process() -> Iterator[Run]:
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        yield lambda check, *arguments: pool.submit(check, *arguments).result()
 
 
 def clearance(robot: Robot, q: Array, settings: Settings) -> float:

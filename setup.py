@@ -41,6 +41,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        folder("bringup"),
         folder("config"),
         folder("config/scenes"),
         folder("launch"),

@@ -61,8 +61,8 @@ def _folder(name: str) -> str:
 
 def _described(name: str) -> str:
     """Name, version and folder."""
-    try:
-        version = metadata.version(DISTRIBUTIONS.get(name, name))
-    except metadata.PackageNotFoundError:  # a ROS package, for example
-        version = ""
-    return " ".join(part for part in (name, version, f"({_folder(name)})") if part)
+    folder = _folder(name)
+    listed = [folder, folder.partition("/cmeel.prefix/")[0]]  # of pip's packages with C++ libraries the second one
+    found = metadata.distributions(name=DISTRIBUTIONS.get(name, name), path=listed)
+    version = next((distribution.version for distribution in found), "")  # a ROS package has none
+    return " ".join(part for part in (name, version, f"({folder})") if part)

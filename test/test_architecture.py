@@ -128,7 +128,7 @@ def test_class_names_are_unique() -> None:
 def test_tests_have_the_folders_of_the_package() -> None:
     folders = {path.parent.relative_to(PROJECT / "test").as_posix() for path in (PROJECT / "test").rglob("test_*.py")}
     package = {path.parent.relative_to(PACKAGE).as_posix() for path in ROOMS}
-    assert folders - {".", "benchmarks", "examples", "faults", "fuzz"} <= package
+    assert folders - {".", "benchmarks", "examples", "faults", "fuzz", "jazzy"} <= package
 
 
 def _private_names(path: Path) -> Iterator[str]:

@@ -271,6 +271,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             counts = {**self._calls.controller.counts}
             counts["joint_states"] += self._joint_states_skipped
             rates = self._rates.values(counts, now.monotonic_ns)
+            if self._active and (text := self._rates.mismatch(rates, self._calls.controller.settings.control.rate_hz)):
+                self.get_logger().warning(text)
             status = self._status(self._calls)
             values = {**self._recorder.values(), **rates, "watchdog": self._watchdog.state}
             self._recorder.record(self._publisher.publish_diagnostics(status, now, values), now)

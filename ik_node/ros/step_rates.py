@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ik_node.control.step_timer import CLOCK_PERIOD_S, MIN_RATE_FRACTION
+from ik_node.control.step_timer import MIN_RATE_FRACTION
 from ik_node.interfaces.clock import NS
+from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 
 RATES = ("joint_states", "steps", "clock_calls")
 """Counts that are published per second; the others are published as they are."""

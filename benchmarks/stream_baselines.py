@@ -10,6 +10,7 @@ from typing import Protocol
 from ik_node.interfaces.clock import NS, Stamped
 from ik_node.interfaces.motion import Motion
 from ik_node.math.quaternion import (
+    IDENTITY,
     ZERO,
     Quaternion,
     Vector,
@@ -52,18 +53,12 @@ class Follower(Protocol):
         """Return the motion at ``time_ns`` with the mean twist that is commanded for ``hold_s``."""
 
 
-class Proportional:
-    """P control on the newest sample, held until the next: velocity = gain times error, without feed-forward.
+class VelocityFollower:
+    """An ideal tool that a subclass moves by velocities; holds the newest sample."""
 
-    With ``gain = 1 / period`` and speed bounds it is the rule "whole error in one period, clipped".
-    """
-
-    def __init__(self, gain: float, max_linear: float = float("inf"), max_angular: float = float("inf")) -> None:
-        self._gain = gain
-        self._max_linear, self._max_angular = max_linear, max_angular
-        self._tool = RigidMotion()
-        self._goal: tuple[Vector, Quaternion] = (ZERO, (1.0, 0.0, 0.0, 0.0))
-        self._next = self._tool
+    def __init__(self) -> None:
+        self._tool = self._next = RigidMotion()
+        self._goal: tuple[Vector, Quaternion] = (ZERO, IDENTITY)
 
     def start(self, pose_sd: Array, time_ns: int) -> None:
         """Start at rest at ``pose_sd``."""
@@ -79,13 +74,33 @@ class Proportional:
     def advance(self, time_ns: int, hold_s: float) -> Motion:
         """Return the pose that the last twist led to, and the next twist."""
         tool = self._tool = self._next
-        v, w = self.velocity(tool.position, tool.orientation)
+        v, w = self.command(tool.position, tool.orientation, time_ns, hold_s)
         x, y, z = tool.position
         self._next = resting(
             (x + hold_s * v[0], y + hold_s * v[1], z + hold_s * v[2]),
             normalised(multiply(from_rotation_vector((hold_s * w[0], hold_s * w[1], hold_s * w[2])), tool.orientation)),
         )
         return Motion(pose_matrix(tool), mean_twist(tool, self._next, hold_s))
+
+    def command(self, position: Vector, orientation: Quaternion, time_ns: int, hold_s: float) -> tuple[Vector, Vector]:
+        """Return the velocity of the tool point and the angular velocity, in {s}, for a tool at this pose."""
+        raise NotImplementedError
+
+
+class Proportional(VelocityFollower):
+    """P control on the newest sample, held until the next: velocity = gain times error, without feed-forward.
+
+    With ``gain = 1 / period`` and speed bounds it is the rule "whole error in one period, clipped".
+    """
+
+    def __init__(self, gain: float, max_linear: float = float("inf"), max_angular: float = float("inf")) -> None:
+        super().__init__()
+        self._gain = gain
+        self._max_linear, self._max_angular = max_linear, max_angular
+
+    def command(self, position: Vector, orientation: Quaternion, time_ns: int, hold_s: float) -> tuple[Vector, Vector]:
+        """Return :meth:`velocity`, which does not depend on time."""
+        return self.velocity(position, orientation)
 
     def velocity(self, position: Vector, orientation: Quaternion) -> tuple[Vector, Vector]:
         """Return the commanded velocity of the tool point and angular velocity, in {s}, for a tool at this pose."""

@@ -4,6 +4,7 @@ transport."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -156,6 +157,17 @@ def decimated(name: str, recording: SampledTrajectory, rate_hz: float) -> Stream
     return Stream(f"{name} {rate_hz:g} Hz", times[::step], poses[::step], recording)
 
 
+def without_edges(recording: SampledTrajectory, edge_s: float) -> SampledTrajectory:
+    """Return a recording without ``edge_s`` at its start and its end."""
+    if not edge_s:
+        return recording
+    samples = recording.samples()
+    kept = [s for s in samples if edge_s <= s.time_s - samples[0].time_s <= recording.duration_s - edge_s]
+    return SampledTrajectory(
+        np.array([sample.time_s for sample in kept]) - kept[0].time_s, np.array([sample.pose for sample in kept])
+    )
+
+
 def first_seconds(stream: Stream, seconds: float) -> Stream:
     """Return the first ``seconds`` of a stream; all of it for 0."""
     count = int(np.searchsorted(stream.times_s, seconds, side="right")) if seconds else len(stream.times_s)
@@ -171,6 +183,24 @@ RECORDINGS = (
     ("bottle to shelf", "robottasks/bottle2shelf.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz")),
 )
 """Dense recordings to decimate: name, path below the folder of data, format."""
+MORE_RECORDINGS = (
+    ("letter l", "handwriting/l.npy", PoseFileFormat(units="cm", duration_s=10.0)),
+    ("letter o", "handwriting/o.npy", PoseFileFormat(units="cm", duration_s=10.0, demo=5)),
+    ("co-manipulation 1", "comanipulation/symbol17_rec1.csv", PoseFileFormat(relative=True, duration_s=5.492)),
+    ("co-manipulation 2", "comanipulation/symbol17_rec2.csv", PoseFileFormat(relative=True, duration_s=8.729)),
+    ("open box 3", "robottasks/openbox.npy", PoseFileFormat(units="cm", duration_s=10.0, order="wxyz", demo=3)),
+    (
+        "bottle to shelf 4",
+        "robottasks/bottle2shelf.npy",
+        PoseFileFormat(units="cm", duration_s=10.0, order="wxyz", demo=4),
+    ),
+)
+"""Further ones, for the frontier."""
+HELD_OUT = ("letter e", "letter o", "bottle to shelf", "co-manipulation 1", "co-manipulation 2", "task board, measured")
+"""Beginnings of the names of recordings on which the stream handling was not tuned."""
+COMPUTED_EDGES_S = {"robottasks": 1.0}
+"""Start and end of the recordings of a folder that are left out: polynomials from a smoothing filter, whose sixth
+differences are 1e-13 of those in between; such a motion is not measured."""
 TASK_BOARD = "taskboard_20hz/data_trial1.csv"
 """Target poses that were sent to a robot."""
 
@@ -188,6 +218,18 @@ def task_board(data: Path) -> Stream:
     return Stream("task board", times, np.array([sample.pose for sample in goals.samples()]), goals)
 
 
+def task_board_measured(data: Path) -> Stream:
+    """Return the poses that the arm of the task board measured, with their interpolation as the truth."""
+    measured = load(data / TASK_BOARD, replace(task_board_format(data), prefix="current"))
+    times = np.array([sample.time_s for sample in measured.samples()])
+    return Stream("task board, measured", times, np.array([sample.pose for sample in measured.samples()]), measured)
+
+
+def held_out(name: str) -> bool:
+    """Return whether the stream handling was not tuned on the stream of this name."""
+    return name.startswith(HELD_OUT)
+
+
 def absent(data: Path) -> tuple[str, ...]:
     """Return the names of the real streams that are missing in ``data``."""
     paths = {"task board": TASK_BOARD} | {name: path for name, path, _ in RECORDINGS}
@@ -195,19 +237,27 @@ def absent(data: Path) -> tuple[str, ...]:
 
 
 def real(
-    data: Path, rates_hz: Sequence[float], start_pose: Array | None = None
+    data: Path, rates_hz: Sequence[float], start_pose: Array | None = None, more: bool = False
 ) -> Iterator[tuple[Stream, tuple[StreamNoise, ...]]]:
     """Yield the recordings in ``data``, as sent or decimated to the rates, with the noises to apply.
 
-    ``start_pose`` (4, 4) replaces missing parts of a recording: orientation, height, or start.
+    ``start_pose`` (4, 4) replaces missing parts of a recording: orientation, height, or start. ``more`` also yields
+    :data:`MORE_RECORDINGS`, and only different rates of each.
     """
     missing = absent(data)
     if "task board" not in missing:
         yield task_board(data), (AS_RECORDED,)
+        if more:
+            yield task_board_measured(data), (AS_RECORDED,)
     start = np.eye(4)
     start[:3, 3] = (0.4, 0.0, 0.4)
-    for name, path, file_format in RECORDINGS:
-        if name not in missing:
-            recording = load(data / path, file_format, start if start_pose is None else start_pose)
+    for name, path, file_format in (*RECORDINGS, *(MORE_RECORDINGS if more else ())):
+        if name not in missing and (data / path).exists():
+            whole = load(data / path, file_format, start if start_pose is None else start_pose)
+            recording = without_edges(whole, COMPUTED_EDGES_S.get(path.split("/")[0], 0.0))
+            counts = set()
             for rate_hz in rates_hz:
-                yield decimated(name, recording, rate_hz), (CLEAN, STAMPED, UNSTAMPED)
+                stream = decimated(name, recording, rate_hz)
+                if not more or len(stream.times_s) not in counts:
+                    yield stream, (CLEAN, STAMPED, UNSTAMPED)
+                counts.add(len(stream.times_s))

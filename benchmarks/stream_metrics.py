@@ -2,8 +2,9 @@
 
 The tool is ideal. The error is that with respect to the densest truth at the same time. Acceleration is the difference
 of the commanded velocity over one control step, written in {s}; jerk is the difference of the acceleration. The lag is
-the delay of the truth with the smallest RMS error, in whole steps. After a step of the target that is faster than the
-reference may move, two seconds (and 0.3 s before it) count for accelerations, but not for errors and lag.
+the delay of the truth with the smallest RMS error; between control steps, the squared error is a parabola. After a step
+of the target that is faster than the reference may move, two seconds (and 0.3 s before it) count for accelerations, but
+not for errors and lag.
 """
 
 from __future__ import annotations
@@ -114,6 +115,7 @@ class StreamMetrics(NamedTuple):
     acceleration_rms: float
     acceleration_20ms_peak: float
     """Averaged over 20 ms."""
+    acceleration_20ms_rms: float
     jerk_rms: float
 
 
@@ -157,17 +159,28 @@ def _turn_errors(poses: Array, truth: Array, counted: Array, shift: int) -> Arra
     return np.asarray(2.0 * np.arcsin(np.minimum(chords / np.sqrt(8.0), 1.0)))
 
 
+def _refined(rms: Sequence[float]) -> tuple[float, float]:
+    """Place [steps] and value of the minimum of the parabola through three squared errors one control step apart."""
+    before, least, after = (value * value for value in rms)
+    slope, bend = 0.5 * (after - before), before - 2.0 * least + after
+    if bend <= 0.0:
+        return 0.0, rms[1]
+    return -slope / bend, float(np.sqrt(max(0.0, least - 0.5 * slope * slope / bend)))
+
+
 def _figures(errors: Sequence[Array], velocity: Array, tick_s: float) -> StreamMetrics:
     rms = [_rms(error) for error in errors]
     best = int(np.argmin(rms))
+    offset, after_lag = _refined(rms[best - 1 : best + 2]) if 0 < best < len(rms) - 1 else (0.0, rms[best])
     smooth = smoothness(velocity, tick_s)
     return StreamMetrics(
         1e3 * rms[0],
         1e3 * float(errors[0].max()),
-        1e3 * best * tick_s,
-        1e3 * rms[best],
+        1e3 * (best + offset) * tick_s,
+        1e3 * after_lag,
         smooth.acceleration_peak,
         smooth.acceleration_rms,
         smooth.acceleration_20ms_peak,
+        smooth.acceleration_20ms_rms,
         smooth.jerk_rms,
     )

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks import stream_frontier
 from benchmarks.stream_baselines import Follower, LastSlope, Proportional
 from benchmarks.stream_data import (
     CLEAN,
@@ -21,6 +23,7 @@ from benchmarks.stream_data import (
     Stream,
     StreamNoise,
     eight,
+    first_seconds,
     random_walk,
     real,
     screw,
@@ -30,6 +33,8 @@ from benchmarks.stream_metrics import TICK_S, StreamMetrics, follow, stream_metr
 from ik_node.settings.groups import TargetSettings
 from ik_node.targets.stream.stream import StreamedPoses
 
+FRONTIER_S = 20.0
+"""Part of each recording that the frontier uses."""
 GAIN = 10.0
 """Gain of the P control that figures are compared with, 1/s."""
 
@@ -51,7 +56,7 @@ class StreamRatings(NamedTuple):
     position_lag: float
     """Relative to 30 ms or one sample period, whichever is larger."""
     rotation_lag: float
-    """Relative to 1.5 sample periods."""
+    """Relative to 45 ms or 1.5 sample periods, whichever is larger."""
     position_after_lag: float
     """Relative to P control."""
     rotation_after_lag: float
@@ -67,7 +72,7 @@ def stream_ratings(
     turns = baseline[1].acceleration_peak > 1e-6
     return StreamRatings(
         ours[0].lag_ms / max(30.0, 1e3 * period_s),
-        ours[1].lag_ms / (1.5e3 * period_s) if turns else 0.0,
+        ours[1].lag_ms / max(45.0, 1.5e3 * period_s) if turns else 0.0,
         ours[0].after_lag / baseline[0].after_lag,
         ours[1].after_lag / baseline[1].after_lag if turns else 0.0,
         5.0 * ours[0].acceleration_peak / baseline[0].acceleration_peak,
@@ -89,7 +94,17 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--only", nargs="+", default=[""], help="only streams whose name starts with one of these")
     parser.add_argument("--followers", nargs="+", default=[], help="besides this package and P control [all]")
     parser.add_argument("--json", action="store_true", help="one JSON object per line instead of the table")
+    parser.add_argument(
+        "--frontier",
+        action="store_true",
+        help="all recordings: lag, error after lag and acceleration of this package and families of rivals",
+    )
+    parser.add_argument("--pictures", type=Path, help="folder for a picture (SVG) per stream of the frontier")
     options = parser.parse_args(arguments)
+    if options.frontier:
+        return _frontier(options)
+    if options.pictures:
+        parser.error("--pictures draws the frontier; add --frontier")
     generated = (
         (make(rate), (CLEAN, STAMPED, UNSTAMPED)) for make in (screw, eight, random_walk) for rate in options.made_rates
     )
@@ -105,6 +120,30 @@ def main(arguments: Sequence[str]) -> int:
         for noise in noises if stream.name.startswith(tuple(options.only)) else ():
             for seed in range(options.seeds if noise.lost else 1):
                 _compare(stream, noise, seed, chosen, options.json)
+    return 0
+
+
+def _frontier(options: argparse.Namespace) -> int:
+    others = stream_frontier.rivals()
+    if not any(rival.family == "Ruckig" for rival in others):
+        print("Ruckig: skipped, the package ruckig is not installed (benchmarks/requirements.txt)", file=sys.stderr)
+    if options.pictures:
+        options.pictures.mkdir(parents=True, exist_ok=True)
+    if not options.json:
+        print(stream_frontier.HEAD)
+    every = []
+    for whole, noises in real(options.data, options.rates, more=True):
+        for noise in noises if whole.name.startswith(tuple(options.only)) else ():
+            rows = stream_frontier.frontier_rows(first_seconds(whole, FRONTIER_S), noise, 0, others)
+            every += rows
+            for row in rows:
+                text = json.dumps(stream_frontier.as_json(row)) if options.json else stream_frontier.line(row)
+                print(text, flush=True)
+            if options.pictures:
+                name = f"{whole.name}, {noise.name}".replace(",", "").replace(" ", "_")
+                stream_frontier.draw(rows, options.pictures / f"{name}.svg")
+    if not options.json:
+        print("\n".join(stream_frontier.summary(every)))
     return 0
 
 

@@ -32,6 +32,8 @@ class TimedLoop:
         """Whether a target, by its number, is lost."""
         self.silent = False
         """The driver publishes no joint states."""
+        self.waits = False
+        """Joint states queue up, and clock calls continue."""
         self.reasons: list[str] = []
         self.waiting: list[int] = []
         """Times at which targets were sent that have not arrived yet, ns."""
@@ -58,6 +60,8 @@ class TimedLoop:
     def _events(self) -> None:
         loop, controller, now = self.loop, self.loop.controller, self.loop.now
         due = range(self._state_ns, loop.time_ns + 1, 2 * MS)
+        if self.waits:
+            due = due[:0]
         self._state_ns += len(due) * 2 * MS
         for time_ns in [] if self.silent else due[-QUEUE:]:
             sample = JointSample(now.ros_ns - (loop.time_ns - time_ns), loop.robot.joints, loop.arm.advance(time_ns)[0])

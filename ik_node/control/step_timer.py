@@ -85,6 +85,8 @@ class StepTimer:
         self.period_ns = round(self.period_s * NS)
         self.interval_s = self.period_s
         """Running mean of the interval between control steps, s."""
+        self.state_interval_s = self.period_s
+        """Time between the measurements of the last two joint states that made control steps, s."""
         self.too_slow = ""
         """Why the rate is too low to move; empty when it is high enough. Has hysteresis in rate and time."""
         self.warning = ""
@@ -130,6 +132,7 @@ class StepTimer:
 
     def add_interval(self, interval_s: float) -> None:
         """Adds the time between two control steps to the running mean."""
+        self.state_interval_s = interval_s
         self.interval_s += INTERVAL_SMOOTHING * (interval_s - self.interval_s)
 
     def reset_interval(self) -> None:

@@ -38,6 +38,16 @@ def test_a_hold_up_of_the_process_is_named(moving: TimedLoop) -> None:
     assert (counts["hold_ups"], counts["hold_ups_ms"]) == (1, 30)
 
 
+def test_a_joint_state_that_waited_names_the_machine(moving: TimedLoop) -> None:
+    """Clock calls continue, and joint states that were measured in time arrive 11 ms late: DDS did not run."""
+    moving.waits = True
+    moving.run(11)
+    moving.waits = False
+    moving.run(100)
+    assert causes(moving) == {f"{HELD}: {HELD_UP}"}
+    assert moving.loop.controller.counts["hold_ups"] == 0
+
+
 def test_late_joint_states_are_named(moving: TimedLoop) -> None:
     """The driver is silent, and clock calls continue."""
     moving.silent = True

@@ -23,6 +23,10 @@ from ik_node.settings.groups import Settings
 ROBOTS = ("ur5", "ur10", "panda", "xarm7", "z1", "talos_arm")
 MAX_REMAINDER = 1e-9
 """m/s, rad/s."""
+ANGULAR_SCALE = 0.3
+"""Characteristic length, m: an angular component may be a linear one divided by it."""
+MAX_FORCED = 1.0
+"""Largest component of V_f that the present motion forces on it beside a singularity, whatever V is, m/s, rad/s."""
 
 
 def worst_remainder(name: str, method: str, count: int, seed: int) -> tuple[float, dict[str, int]]:
@@ -44,6 +48,7 @@ def worst_remainder(name: str, method: str, count: int, seed: int) -> tuple[floa
         worst = max(worst, remainder)
         assert remainder < MAX_REMAINDER, (name, method, case)
         assert 0.0 <= solution.task_scale <= 1.0
+        assert np.abs(account.truncated).max() <= 2.0 * np.abs(case.twist).max() / ANGULAR_SCALE + MAX_FORCED
         off = bool(np.abs(account.off_direction).max() > 1e-7)
         truncated = bool(np.abs(account.truncated).max() > 1e-9)
         if off:

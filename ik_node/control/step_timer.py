@@ -74,6 +74,7 @@ class TimerSnapshot(NamedTuple):
     held_up_ns: int = 0
     hold_ups: int = 0
     hold_ups_ns: int = 0
+    state_interval_s: float = 0.0
 
 
 class StepTimer:

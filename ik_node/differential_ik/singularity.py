@@ -244,11 +244,13 @@ def regulate_singularities(
 
 
 def _at_full_speed(clipped: Array, wanted: Array, scale: float) -> Array:
-    """Rates of V_f that are the clipped ones at this scale, and not beyond the wanted ones.
+    """Rates of V_f that are the clipped ones at this scale, up to the wanted ones.
 
-    A direction that went on faster than V does at this scale would lead the tool off the direction of V_f.
+    A direction that went on faster than V does at this scale would lead the tool off the direction of V_f. Rates that
+    bounds force beyond the wanted ones remain as they are: divided by a vanishing scale they would be unlimited.
     """
-    return np.asarray(np.clip(clipped / max(scale, MIN_SCALE), -np.abs(wanted), np.abs(wanted)))
+    permitted = (clipped * wanted >= 0.0) & (np.abs(clipped) <= np.abs(wanted))
+    return np.where(permitted, np.clip(clipped / max(scale, MIN_SCALE), -np.abs(wanted), np.abs(wanted)), clipped)
 
 
 def _max_rate(analysis: DirectionAnalysis, sigma: float, along: float, retention: float, threshold: float) -> float:

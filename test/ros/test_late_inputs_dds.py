@@ -54,11 +54,14 @@ def test_what_comes_late_is_stated_by_the_node_and_by_its_recording(tmp_path: Pa
             return any(text in reason for _, reason in peer.statuses)
 
         peer.until("tracking", lambda: peer.mode == "tracking", each)
-        for _ in range(HOLD_UPS):
+
+        def hold_up() -> None:
             os.kill(node.pid, signal.SIGSTOP)
             time.sleep(0.15)
             os.kill(node.pid, signal.SIGCONT)
             peer.spin(0.3, each)
+
+        peer.until("hold-ups", lambda: bool(figures) and int(figures[-1].get("hold_ups", 0)) >= HOLD_UPS, each, hold_up)
         peer.until("the cause of a held command", lambda: reported(f"{HELD}: {HELD_UP}"), each)
 
         def leave_out() -> None:

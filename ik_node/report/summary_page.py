@@ -16,6 +16,11 @@ from ik_node.report.style import DPI, TEXT_COLOUR, VERMILION, decimate
 from ik_node.report.text import as_text, title
 from ik_node.report.timeline import draw_mode_bars
 
+LEFT_LINES = 51.0
+"""Lines of text that the left half has room for."""
+SHORTEST_PATH_LINES = 17.0
+"""Of these at least left for the path."""
+
 
 def save_summary(run: Run, metrics: RunMetrics, path: str | Path) -> None:
     """Writes the summary page of one run.
@@ -43,14 +48,16 @@ def draw_summary(reported: ReportedRun) -> Any:
     outer = figure.add_gridspec(
         1, 2, width_ratios=(0.82, 1.0), left=0.03, right=0.975, top=0.915, bottom=0.06, wspace=0.12
     )
-    left = outer[0].subgridspec(2, 1, height_ratios=(1.0, 0.58), hspace=0.06)
+    text = "\n".join(as_text(metrics).splitlines()[1:])
+    lines = 1.0 + text.count("\n")
+    left = outer[0].subgridspec(2, 1, height_ratios=(max(LEFT_LINES - lines, SHORTEST_PATH_LINES), lines), hspace=0.02)
     joints = len(run.joints)
     right = outer[1].subgridspec(6, 1, height_ratios=(0.9, 0.9, 0.34 * joints, 0.8, 0.6, 0.28), hspace=0.36)
     if metrics.series is not None:
         axes = figure.add_subplot(left[0], projection="3d")
         draw_path(figure, axes, metrics.series)
         draw_obstacles(axes, run)
-    _draw_text(figure.add_subplot(left[1]), metrics)
+    _draw_text(figure.add_subplot(left[1]), text)
     first = figure.add_subplot(right[0])
     draw_tracking_error(first, [reported], quantities.POSITION_ERROR)
     draw_tracking_error(figure.add_subplot(right[1], sharex=first), [reported], quantities.ORIENTATION_ERROR)
@@ -69,10 +76,9 @@ def draw_summary(reported: ReportedRun) -> Any:
     return figure
 
 
-def _draw_text(axes: Any, metrics: RunMetrics) -> None:
-    """The metrics as text, without the title."""
+def _draw_text(axes: Any, text: str) -> None:
+    """The metrics as text."""
     axes.axis("off")
-    text = "\n".join(as_text(metrics).splitlines()[1:])
     axes.text(0.0, 0.98, text, family="monospace", fontsize=7.6, va="top", linespacing=1.45, transform=axes.transAxes)
 
 

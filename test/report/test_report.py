@@ -24,7 +24,10 @@ from ik_node.recording.run_reader import load_run
 from ik_node.replay.bitwise import replay
 from ik_node.replay.call_source import RecordingSource
 from ik_node.report import GroundTruth, as_json, as_text, compute_metrics, read_ground_truth, write_ground_truth
-from ik_node.report.summary_page import save_summary
+from ik_node.report.canvas import report_style
+from ik_node.report.metrics import StatePeriod
+from ik_node.report.reported_run import report_run
+from ik_node.report.summary_page import draw_summary, save_summary
 from ik_node.trajectory.shapes import figure_of_eight
 
 
@@ -153,6 +156,21 @@ def test_summary_page_is_written(run: Run, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"picture.{suffix}"
     save_summary(run, compute_metrics(run, measured_truth(run)), path)
     assert path.stat().st_size > 20_000
+
+
+def test_all_lines_of_the_summary_page_are_on_it(run: Run) -> None:
+    metrics = compute_metrics(run, measured_truth(run))
+    metrics = metrics._replace(
+        periods=tuple(StatePeriod("tracking", f"reason {number}", 1.0) for number in range(9)),
+        late_steps=metrics.late_steps._replace(hold_ups=1),
+        dropped=1,
+    )
+    with report_style():
+        figure = draw_summary(report_run(run, metrics))
+        figure.canvas.draw()
+        (text,) = [text for axes in figure.axes for text in axes.texts if text.get_family() == ["monospace"]]
+        assert "reason 4" in text.get_text()
+        assert text.get_window_extent().y0 >= 0.0
 
 
 def test_summary_page_is_not_blank(run: Run, tmp_path: Path) -> None:

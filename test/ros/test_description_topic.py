@@ -52,7 +52,8 @@ def test_another_description_is_reported_and_ignored(tmp_path: Path, by_paramete
         for urdf in (BROKEN[0][0], URDF.replace("panda_hand", "hand")):
             publisher.publish(String(data=urdf))
             peer.until("the warning", lambda: "another robot_description was published" in peer.reason, each=arm)
-            assert peer.mode == "holding"
+            # A busy machine may stop the arm for lack of joint states in between.
+            peer.until("control", lambda: peer.mode == "holding", each=arm)
             publisher.publish(String(data=URDF))
             peer.until("the end of it", lambda: "another robot_description" not in peer.reason, each=arm)
         assert "another robot_description was published" in process.log.read_text()

@@ -1,4 +1,4 @@
-"""``ik_node`` with an error in its own code, which no input causes: SIGUSR1 and SIGUSR2 begin and end it.
+"""``ik_node`` with errors in its own code, which no input causes, each once on a signal.
 
 SIGUSR1: an exception in the next control step. SIGUSR2: the next control step has a result that is not finite.
 """
@@ -28,6 +28,7 @@ def evaluate(robot: Robot, position: Any) -> Any:
 
 
 if __name__ == "__main__":
+    # The error has to be inside the process of the node; the type checker permits no replacement of a method.
     Robot.evaluate = evaluate  # type: ignore[assignment, method-assign]
     for number in (signal.SIGUSR1, signal.SIGUSR2):
         signal.signal(number, lambda received, _: PENDING.append(received))

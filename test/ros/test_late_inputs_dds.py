@@ -57,7 +57,7 @@ def test_what_comes_late_is_stated_by_the_node_and_by_its_recording(tmp_path: Pa
 
         def hold_up() -> None:
             os.kill(node.pid, signal.SIGSTOP)
-            time.sleep(0.15)
+            time.sleep(0.15)  # the length of the hold-up; a process that is stopped has no condition to wait for
             os.kill(node.pid, signal.SIGCONT)
             peer.spin(0.3, each)
 

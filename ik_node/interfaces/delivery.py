@@ -28,7 +28,9 @@ SHORTEST_PERIOD_NS = NS // 50
 MISSING = 1.5
 """Ratio of an interval to the period above which samples are missing in it."""
 EARLY = 0.5
-"""Ratio below which a sample without stamp is one that was missing before, and is late."""
+"""Ratio of an interval to the period, or to the mean interval, below which two samples were sent or delivered together.
+
+Such a sample without stamp is one that was missing before; such an interval does not count for the period."""
 
 
 class StreamDelivery(NamedTuple):
@@ -38,7 +40,7 @@ class StreamDelivery(NamedTuple):
     late: int = 0
     """Arrived more than one period (at least 20 ms) after their stamp; without stamps: after a gap, together."""
     lost: int = 0
-    """Missing between two samples, in periods; after a pause longer than ``target.timeout_s`` a stream begins anew."""
+    """Missing between two samples, in periods; after a pause longer than ``target.timeout_s`` a new stream starts."""
     time_ns: int = 0
     """Monotonic time at which the newest sample was taken: its stamp, or its arrival."""
     received_ns: int = 0

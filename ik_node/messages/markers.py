@@ -27,7 +27,7 @@ from ik_node.math.types import Array
 from ik_node.messages.cdr import header, make, serialize
 from ik_node.messages.decode_obstacles import ADD, DELETE, DELETE_ALL, MARKERS_TYPE
 
-CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT = 1, 2, 3, 4, 5, 9
+CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT, TRIANGLE_LIST = 1, 2, 3, 4, 5, 9, 11
 """Marker types."""
 MAX_POINTS = 500
 """Length of the tool path in points: a message of 12 kB that is encoded in 0.4 ms."""
@@ -158,50 +158,73 @@ class SceneMarkers:
             if name not in self._numbers:
                 self._numbers[name] = next(free)
 
-    def _marker(
-        self,
-        namespace: str,
-        number: int,
-        kind: int,
-        stamp_ns: int,
-        action: int = ADD,
-        at: Array = _ORIGIN,
-        turn: Array = _NO_ROTATION,
-        size: tuple[float, float, float] = (1.0, 1.0, 1.0),
-        colour: tuple[float, ...] = RED,
-        points: Array | None = None,
-        colours: tuple[tuple[float, ...], ...] = (),
-        text: str = "",
-    ) -> Any:
-        x, y, z, w = turn.tolist()
-        corners = [] if points is None else points.tolist()
-        nothing = np.empty(0, dtype=np.uint8)
-        return make(
-            "visualization_msgs/msg/Marker",
-            header=header(self.base_frame, stamp_ns),
-            ns=namespace,
-            id=number,
-            type=kind,
-            action=action,
-            pose=make(
-                "geometry_msgs/msg/Pose",
-                position=_triple("Point", *at.tolist()),
-                orientation=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-            ),
-            scale=_triple("Vector3", *size),
-            color=_colour(*colour),
-            lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
-            frame_locked=False,
-            points=[_triple("Point", *corner) for corner in corners],
-            colors=[_colour(*entry) for entry in colours],
-            texture_resource="",
-            texture=make("sensor_msgs/msg/CompressedImage", header=header(""), format="", data=nothing),
-            uv_coordinates=[],
-            text=text,
-            mesh_resource="",
-            mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=nothing),
-            mesh_use_embedded_materials=False,
-        )
+    def _marker(self, namespace: str, number: int, kind: int, stamp_ns: int, action: int = ADD, **content: Any) -> Any:
+        return marker(self.base_frame, namespace, number, kind, stamp_ns, action, **content)
+
+
+def marker(
+    frame_id: str,
+    namespace: str,
+    number: int,
+    kind: int,
+    stamp_ns: int,
+    action: int = ADD,
+    at: Array = _ORIGIN,
+    turn: Array = _NO_ROTATION,
+    size: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    colour: tuple[float, ...] = RED,
+    points: Array | None = None,
+    colours: tuple[tuple[float, ...], ...] = (),
+    text: str = "",
+    frame_locked: bool = False,
+) -> Any:
+    """A visualization_msgs/Marker.
+
+    Args:
+        frame_id: Frame of ``at`` and ``turn``.
+        namespace: Namespace of the number.
+        number: Identifies the marker within its namespace.
+        kind: One of the marker types above.
+        stamp_ns: ROS time.
+        action: ADD, DELETE or DELETE_ALL.
+        at: Position, (3,), m.
+        turn: Orientation, quaternion x, y, z, w.
+        size: Scale; its meaning depends on the type.
+        colour: Red, green, blue, opacity, 0 to 1.
+        points: (k, 3), m, in the frame of the marker.
+        colours: One per point; default: ``colour`` for all.
+        text: Text of a TEXT marker.
+        frame_locked: True when the marker moves with its frame after ``stamp_ns``.
+    """
+    x, y, z, w = turn.tolist()
+    corners = [] if points is None else points.tolist()
+    nothing = np.empty(0, dtype=np.uint8)
+    return make(
+        "visualization_msgs/msg/Marker",
+        header=header(frame_id, stamp_ns),
+        ns=namespace,
+        id=number,
+        type=kind,
+        action=action,
+        pose=make(
+            "geometry_msgs/msg/Pose",
+            position=_triple("Point", *at.tolist()),
+            orientation=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+        ),
+        scale=_triple("Vector3", *size),
+        color=_colour(*colour),
+        lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+        frame_locked=frame_locked,
+        points=[_triple("Point", *corner) for corner in corners],
+        colors=[_colour(*entry) for entry in colours],
+        texture_resource="",
+        texture=make("sensor_msgs/msg/CompressedImage", header=header(""), format="", data=nothing),
+        uv_coordinates=[],
+        text=text,
+        mesh_resource="",
+        mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=nothing),
+        mesh_use_embedded_materials=False,
+    )
 
 
 def _solids(entry: Obstacle) -> list[tuple[int, Array, tuple[float, float, float]]]:

@@ -1,4 +1,4 @@
-"""Writes the table of parameters in the README from the settings: ``python docs/make_parameter_table.py``."""
+"""Writes the table of docs/parameters.md from the settings: ``python docs/make_parameter_table.py``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from ik_node.settings.groups import describe
 from ik_node.settings.schema import Descriptor
 
-README = Path(__file__).resolve().parent.parent / "README.md"
+PAGE = Path(__file__).resolve().parent / "parameters.md"
 BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->"
 
 
@@ -24,10 +24,10 @@ def table() -> str:
 
 
 def main() -> None:
-    """Replaces the table between the marks in the README."""
-    text = README.read_text(encoding="utf-8")
+    """Replaces the table between the marks on the page."""
+    text = PAGE.read_text(encoding="utf-8")
     before, rest = text.split(BEGIN)
-    README.write_text(before + BEGIN + table() + END + rest.split(END)[1], encoding="utf-8")
+    PAGE.write_text(before + BEGIN + table() + END + rest.split(END)[1], encoding="utf-8")
 
 
 if __name__ == "__main__":

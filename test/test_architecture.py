@@ -226,12 +226,12 @@ def test_shipped_configurations_fit_their_robots(path: Path) -> None:
     )
 
 
-def test_the_readme_lists_every_parameter_with_its_default() -> None:
-    readme = (PROJECT / "README.md").read_text()
+def test_a_page_lists_every_parameter_with_its_default() -> None:
+    page = (PROJECT / "docs" / "parameters.md").read_text()
     for about in describe():
         default = about.default
         text = ", ".join(f"{x:g}" for x in default) if isinstance(default, tuple) else default
         text = f"{default:g}" if isinstance(default, float) else text
         row = f"| `{about.name}` | {str(text).lower() if isinstance(default, bool) else text or '-'} |"
-        assert row in readme, f"README has no row that begins: {row}"
+        assert row in page, f"docs/parameters.md has no row that begins: {row}"
     assert set(Settings().flat()) == {about.name for about in describe()}

@@ -35,7 +35,7 @@ services:
   ~/reset               std_srvs/Trigger
 
 parameters:
-  README.md, "Parameters"; of a running node: ros2 param describe /ik_node NAME
+  docs/parameters.md; of a running node: ros2 param describe /ik_node NAME
   config/ has a file for each robot
 
 example:

@@ -6,7 +6,7 @@ reads ROS parameter files without ROS.
 
 Data flow: YAML file, command line, recording or ROS parameters -> flat names and values -> ``Settings.with_values`` ->
 the constructors and ``configure`` methods of the other packages. ``describe()`` lists the metadata, from which the node
-declares its ROS parameters and ``docs/make_parameter_table.py`` writes the table in the README.
+declares its ROS parameters and ``docs/make_parameter_table.py`` writes docs/parameters.md.
 
 A new parameter is a new field in ``groups``; afterwards run ``python docs/make_parameter_table.py``.
 """

@@ -390,7 +390,7 @@ def describe() -> tuple[Descriptor, ...]:
     """The description of every parameter in the order of declaration.
 
     Returns:
-        One descriptor per parameter; the node, the README table and the reports are made from these.
+        One descriptor per parameter; the node, docs/parameters.md and the reports are made from these.
     """
     return tuple(
         Descriptor(name=name, default=getattr(group, entry.name), **entry.metadata)

@@ -2,7 +2,7 @@
 
 viser does the drawing. These tests check the values it receives (against Pinocchio's mesh readers and kinematics), the
 playback, and in headless Chromium that the scene is visible, that the slider moves the arm, and that nothing is
-requested from another computer. The appearance was inspected in docs/view.png.
+requested from another computer. The appearance was inspected in docs/view.webp.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ messages that a full queue drops, are therefore the same on every machine.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import JointSample, PoseSample
 from ik_node.interfaces.step import Step
 from ik_node.messages import encode
-from ik_node.messages.decode import decode_joint_state
+from ik_node.messages.decode import SIMULATED_ARM, decode_joint_state
 from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.step_codec import CallKind
 from ik_node.messages.step_outputs import StepOutputs
@@ -32,14 +33,19 @@ class RecordedCaller:
     """Has the methods of a controller; passes each call on through the bytes that DDS would deliver."""
 
     def __init__(
-        self, controller: Controller, directory: Path, now: Instant, options: RecorderOptions | None = None
+        self,
+        controller: Controller,
+        directory: Path,
+        now: Instant,
+        options: RecorderOptions | None = None,
+        timer_ns: Callable[[], int] | None = None,
     ) -> None:
         self.controller = controller
         robot = controller.robot
         outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
         self._options = (options or RecorderOptions())._replace(own_thread=False)
         self._due_ns = now.monotonic_ns
-        self._calls = RecordedController(controller, outputs.messages)
+        self._calls = RecordedController(controller, outputs.messages, timer_ns=timer_ns)
         self.recording = self._calls.start(directory, "/ik_node", now, options=self._options, robot_name="panda")
 
     def __getattr__(self, name: str) -> Any:
@@ -47,7 +53,8 @@ class RecordedCaller:
 
     def on_joint_state(self, sample: JointSample, now: Instant) -> Step | None:
         stamp_ns = max(sample.stamp_ns, 0)
-        data = encode.encode_joint_state(sample.names, stamp_ns, np.array(sample.position, dtype=np.float64))
+        position = np.array(sample.position, dtype=np.float64)
+        data = encode.encode_joint_state(sample.names, stamp_ns, position, frame_id=SIMULATED_ARM)
         return self.call(CallKind.ON_JOINT_STATE, now, decode_joint_state(data), data)
 
     def on_target_pose(self, sample: PoseSample, now: Instant) -> None:
@@ -98,9 +105,15 @@ def recorded_loop(
     return loop
 
 
-def record(loop: Loop, directory: Path, options: RecorderOptions | None = None) -> None:
-    """Record the loop from now on."""
-    loop.controller = RecordedCaller(loop.controller, directory, loop.now, options)  # type: ignore[assignment]
+def record(
+    loop: Loop,
+    directory: Path,
+    options: RecorderOptions | None = None,
+    timer_ns: Callable[[], int] | None = None,
+) -> None:
+    """Record the loop from now on; ``timer_ns``: clock of the computing times."""
+    caller = RecordedCaller(loop.controller, directory, loop.now, options, timer_ns)
+    loop.controller = caller  # type: ignore[assignment]
 
 
 def finish(loop: Loop) -> RunRecording:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 from ik_node.errors import InputError
@@ -23,6 +24,8 @@ class _Head(NamedTuple):
 
 COMMAND_TYPE = "std_msgs/msg/Float64MultiArray"
 STATE_TYPE = "sensor_msgs/msg/JointState"
+SIMULATED_ARM = "simulated_arm"
+"""``header.frame_id`` of the joint states of a simulated arm, so that a recording says what moved."""
 MAX_JOINTS = 256
 """Names or positions of one message: a humanoid with two hands has about 80 joints."""
 MAX_STATE_BYTES = 65_536
@@ -63,6 +66,14 @@ def decode_joint_state(data: bytes) -> JointSample:
                 _heads.clear()
             _heads[len(data)] = _Head(begin, names, size, cursor.offset - 8 * size)
         return sample
+
+
+def is_simulated(data: bytes) -> bool:
+    """Whether bytes are a sensor_msgs/JointState of a simulated arm."""
+    with suppress(InputError), reading(data, STATE_TYPE) as cursor:
+        cursor.stamp()
+        return cursor.string() == SIMULATED_ARM
+    return False
 
 
 def decode_string(data: bytes) -> str:

@@ -55,7 +55,11 @@ def encode_string(text: str) -> bytes:
 
 
 def encode_joint_state(
-    names: tuple[str, ...], stamp_ns: int, position: Array | None = None, velocity: Array | None = None
+    names: tuple[str, ...],
+    stamp_ns: int,
+    position: Array | None = None,
+    velocity: Array | None = None,
+    frame_id: str = "",
 ) -> bytes:
     """Encodes a sensor_msgs/JointState.
 
@@ -64,12 +68,13 @@ def encode_joint_state(
         stamp_ns: ROS time.
         position: (len(names),), rad (m); default: none.
         velocity: (len(names),), rad/s (m/s); default: none.
+        frame_id: :data:`ik_node.messages.decode.SIMULATED_ARM` for a simulated arm; drivers leave it empty.
 
     Raises:
         InputError: An array has another shape or type.
     """
     given = [values for values in (position, velocity) if values is not None]
-    template = joint_state_template(names, position is not None, velocity is not None)
+    template = joint_state_template(names, position is not None, velocity is not None, frame_id)
     return template.fill(stamp_ns, *[_bytes(values, len(names)) for values in given])
 
 
@@ -138,12 +143,14 @@ def _bytes(values: Array, size: int) -> bytes:
 
 
 @lru_cache(maxsize=64)
-def joint_state_template(names: tuple[str, ...], with_position: bool, with_velocity: bool) -> Template:
+def joint_state_template(
+    names: tuple[str, ...], with_position: bool, with_velocity: bool, frame_id: str = ""
+) -> Template:
     """sensor_msgs/JointState of these names, with the given arrays."""
     n, none = len(names), np.empty(0)
     message = make(
         "sensor_msgs/msg/JointState",
-        header=header(""),
+        header=header(frame_id),
         name=list(names),
         position=blank(n) if with_position else none,
         velocity=blank(n) if with_velocity else none,

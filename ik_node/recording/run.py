@@ -87,6 +87,10 @@ class Run(NamedTuple):
     """Time at which the joint positions were measured, (k,), on the axis of ``times_s``."""
     state_ros_ns: NDArray[np.int64]
     """The same in ROS time, (k,)."""
+    computing_s: Array
+    """Time from the call of the controller until the command was published, (k,), s; NaN where it was not measured."""
+    simulated: bool
+    """Whether the first joint state names a simulated arm as its source; False also when its source is unknown."""
     columns: Mapping[str, Array]
     """Array or number of a Step -> values, (k, *shape)."""
     texts: Mapping[str, tuple[Any, ...]]

@@ -12,7 +12,7 @@ from ik_node.errors import InputError, RecordingError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.step import TEXT_FIELDS
 from ik_node.math.types import Array
-from ik_node.messages.decode import decode_string
+from ik_node.messages.decode import decode_string, is_simulated
 from ik_node.messages.decode_targets import decode_pose
 from ik_node.messages.parameters import decode_parameters
 from ik_node.messages.step_codec import (
@@ -27,7 +27,7 @@ from ik_node.messages.step_codec import (
     shapes,
 )
 from ik_node.recording.call_log import open_recording, read_setup
-from ik_node.recording.input_table import TARGET_POSE
+from ik_node.recording.input_table import JOINT_STATES, TARGET_POSE
 from ik_node.recording.mcap.file import MAX_TIME_NS
 from ik_node.recording.mcap.reader import RecordedMessage, Recording
 from ik_node.recording.run import CallTimes, RecordedTargets, Run, StatusChange
@@ -49,8 +49,11 @@ class _Messages(NamedTuple):
     parameters: list[RecordedMessage]
     calls: list[Call]
     steps: list[bytes]
+    computing_ns: list[int]
+    """Publish time minus log time of each Step."""
     texts: list[TextRecord]
     targets: list[RecordedMessage]
+    simulated: bool = False
 
 
 def load_run(path: str | Path, node: str = "") -> Run:
@@ -99,6 +102,8 @@ def load_run(path: str | Path, node: str = "") -> Run:
         ros_ns=clock.ros_ns,
         state_times_s=(clock.state_ns - clock.start.monotonic_ns) / NS,
         state_ros_ns=clock.ros_ns - (clock.now_ns - clock.state_ns),
+        computing_s=np.array([time_ns / NS if time_ns else np.nan for time_ns in messages.computing_ns]),
+        simulated=messages.simulated,
         columns={field.name: columns[field.name] for field in FIELDS},
         texts=texts,
         status_changes=_changes(clock.now_ns, texts["status"], clock.start.monotonic_ns),
@@ -111,8 +116,9 @@ def load_run(path: str | Path, node: str = "") -> Run:
 
 def _collect(recording: Recording, node: str) -> _Messages:
     setups: list[dict[str, Any]] = []
-    messages = _Messages({}, "", [], [], [], [], [])
-    urdf = ""
+    messages = _Messages({}, "", [], [], [], [], [], [])
+    urdf, simulated = "", False
+    states_topic = ""
     wanted = {f"{node}/{name}": name for name in (SETUP, PARAMETERS, CALLS, STEP, STEP_TEXTS)}
     wanted[ROBOT_DESCRIPTION] = ROBOT_DESCRIPTION
     for message in recording.messages():
@@ -120,6 +126,7 @@ def _collect(recording: Recording, node: str) -> _Messages:
         try:
             if name == STEP:
                 messages.steps.append(message.data)
+                messages.computing_ns.append(message.publish_time_ns - message.log_time_ns)
             elif name == CALLS:
                 messages.calls.append(decode_call(message.data))
             elif name == STEP_TEXTS:
@@ -132,11 +139,13 @@ def _collect(recording: Recording, node: str) -> _Messages:
                 setups.append(read_setup(decode_string(message.data)))
             elif setups and message.topic == setups[0]["inputs"].get(TARGET_POSE):
                 messages.targets.append(message)
+            elif setups and not states_topic and message.topic == setups[0]["inputs"].get(JOINT_STATES):
+                states_topic, simulated = message.topic, is_simulated(message.data)
         except InputError as error:
             raise RecordingError(f"'{recording.path}', topic {message.topic}: {error}") from error
     if not setups or not messages.parameters:
         raise RecordingError(f"'{recording.path}' lacks the start of the run of node '{node}'")
-    return messages._replace(setup=setups[0], urdf=urdf)
+    return messages._replace(setup=setups[0], urdf=urdf, simulated=simulated)
 
 
 def _columns(steps: list[bytes]) -> dict[str, Array]:

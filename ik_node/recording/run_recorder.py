@@ -12,7 +12,8 @@ the node):
 ``<node>/calls/texts`` std_msgs/String                      text arguments of calls, for example the reason of a pause
 ``<node>/snapshot``    std_msgs/String, latched             JSON: state of the controller at the start of the run and of
                                                             each file
-``<node>/step``        std_msgs/Float64MultiArray           Steps, bit for bit
+``<node>/step``        std_msgs/Float64MultiArray           Steps, bit for bit; publish time minus log time: computing
+                                                            time
 ``<node>/step/texts``  diagnostic_msgs/DiagnosticStatus,    text fields of the Steps that follow
                        latched
 ====================== ==================================== ==========================================================
@@ -169,8 +170,14 @@ class RunRecording:
         changed = {name for name, value in settings.flat().items() if before[name] != value}
         self.record_call(CallKind.APPLY, now, self._put_parameters(changed, now))
 
-    def record_step(self, step: Step, outgoing: Iterable[Outgoing]) -> None:
-        """Records a Step and the output messages that were published for it."""
+    def record_step(self, step: Step, outgoing: Iterable[Outgoing], computing_ns: int = 0) -> None:
+        """Records a Step and the output messages that were published for it.
+
+        Args:
+            step: The Step.
+            outgoing: The messages.
+            computing_ns: Time from the call of the controller until the messages were published; 0 when not measured.
+        """
         stamp_ns = step.now.ros_ns
         try:
             texts, numbers = self._steps.encode(step)
@@ -178,7 +185,7 @@ class RunRecording:
             self._defect = f"recording '{self.directory}' lacks Steps: {error}"
             return
         if texts is None or self._put(self._channels[STEP_TEXTS], texts, stamp_ns).written:
-            self._put(self._channels[STEP], numbers, stamp_ns)
+            self._put(self._channels[STEP], numbers, stamp_ns, stamp_ns + computing_ns)
         else:  # a Step without its texts could not be read
             self._steps.repeat_texts()
         for topic, data in outgoing:

@@ -18,7 +18,7 @@ from ik_node.interfaces.clock import NS, Instant, to_monotonic
 from ik_node.interfaces.samples import JointSample
 from ik_node.interfaces.step import Step
 from ik_node.math.types import Array
-from ik_node.messages.decode import decode_joint_state
+from ik_node.messages.decode import SIMULATED_ARM, decode_joint_state
 from ik_node.messages.encode import encode_joint_state
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall
@@ -77,7 +77,7 @@ def _simulated_call(
         if kind is CallKind.ON_JOINT_STATE:
             argument = arm.measured(argument, now)
             if recorded.recording is not None and len(argument.names) == len(argument.position):
-                data = encode_joint_state(argument.names, argument.stamp_ns, argument.position)
+                data = encode_joint_state(argument.names, argument.stamp_ns, argument.position, frame_id=SIMULATED_ARM)
         return recorded.call(kind, now, argument, data)
     except IkNodeError:  # refused, as in the recorded run
         return None

@@ -34,11 +34,20 @@ class RecordedController:
         controller: Controller,
         send: Callable[[Step], Sequence[Outgoing]] | None = None,
         recording: RunRecording | None = None,
+        timer_ns: Callable[[], int] | None = None,
     ) -> None:
-        """``send`` publishes a Step and returns the messages that were sent."""
+        """Keeps the arguments.
+
+        Args:
+            controller: What to call.
+            send: Publishes a Step and returns the messages that were sent.
+            recording: Where to record; default: nowhere, until :meth:`start`.
+            timer_ns: Clock that measures the computing time of a Step, ns; default: it is not measured.
+        """
         self.controller = controller
         self.recording = recording
         self._send = send
+        self._timer_ns = timer_ns
 
     def start(
         self,
@@ -88,14 +97,17 @@ class RecordedController:
         Raises:
             IkNodeError: The controller refused the argument. The call is recorded first, except refused settings.
         """
+        begin_ns = 0 if self._timer_ns is None else self._timer_ns()
         try:
             step = CALL_TABLE[kind].call(self.controller, argument, now)
         except IkNodeError:
             if kind is not CallKind.APPLY:
-                self._record(kind, now, argument, data, None, ())
+                self._record(kind, now, argument, data)
             raise
         outputs = () if step is None or self._send is None else self._send(step)
-        self._record(kind, now, argument, data, step, outputs)
+        if self.recording is not None:
+            computing_ns = 0 if self._timer_ns is None else self._timer_ns() - begin_ns
+            self._record(kind, now, argument, data, step, outputs, computing_ns)
         return step
 
     def _record(
@@ -104,8 +116,9 @@ class RecordedController:
         now: Instant,
         argument: Any,
         data: bytes,
-        step: Step | None,
-        outputs: Sequence[Outgoing],
+        step: Step | None = None,
+        outputs: Sequence[Outgoing] = (),
+        computing_ns: int = 0,
     ) -> None:
         recording = self.recording
         if recording is None:
@@ -117,7 +130,7 @@ class RecordedController:
         else:
             recording.record_call(kind, now, text=str(argument) if kind in TEXT_CALLS else None)
         if step is not None:
-            recording.record_step(step, outputs)
+            recording.record_step(step, outputs, computing_ns)
         recording.after_call(self.controller.capture, now)
 
 

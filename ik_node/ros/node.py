@@ -96,7 +96,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             settings = parameters.read(self)
             robot = robot_from_settings(settings.arm, self._description.text)
             controller = Controller(robot, settings)
-            self._calls = RecordedController(controller, self._send)
+            self._calls = RecordedController(controller, self._send, timer_ns=time.perf_counter_ns)
             arm = settings.arm
             self._configured_with = "" if arm.robot or arm.robot_description else self._description.text
             self._description.check(robot, self._configured_with)

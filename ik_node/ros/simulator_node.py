@@ -93,7 +93,8 @@ class SimulatorNode(Node):  # type: ignore[misc]
         position, (_, velocity) = self._arm.measure(time_ns), self._arm.advance(time_ns)
         if position is None:
             return
-        self._states.publish(encode.encode_joint_state(self._joints, stamp_ns, position, velocity))
+        frame_id = decode.SIMULATED_ARM
+        self._states.publish(encode.encode_joint_state(self._joints, stamp_ns, position, velocity, frame_id))
 
     def finish(self, executor: Any) -> None:
         """Do nothing: nothing moves that has to be stopped."""

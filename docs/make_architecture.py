@@ -25,7 +25,7 @@ COLUMNS = {
     "ros": (0, 4),
     "viewer": (0, 1),
     "replay": (2, 2),
-    "report": (0, 0),
+    "report": (0, 1),
     "recording": (0, 0),
     "control": (1, 2),
     "messages": (0, 0),

@@ -22,8 +22,8 @@ from browser import Browser  # noqa: E402  of the tests
 
 from ik_node.cli import demo  # noqa: E402
 from ik_node.recording.run_reader import load_run  # noqa: E402
+from ik_node.report.recorded_scene import read_obstacles  # noqa: E402
 from ik_node.viewer.open_run import open_run  # noqa: E402
-from ik_node.viewer.recorded_scene import read_obstacles  # noqa: E402
 from ik_node.viewer.server import serve, url_of  # noqa: E402
 
 WIDTH, HEIGHT, SHOWN_WIDTH = 1280, 720, 800

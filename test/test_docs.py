@@ -16,7 +16,7 @@ PAGES = sorted(
     for path in PROJECT.glob(pattern)
 )
 LINK = re.compile(r"\]\((?!https?:)([^)\s]*)\)")
-COMMAND = re.compile(r"^(?:python3 bootstrap\.py|ros2 run ik_node) (.+?)(?:\s+# .*)?$", re.MULTILINE)
+COMMAND = re.compile(r"^(?:python3 bootstrap\.py|ros2 run ik_node) ([^#>\n]+)", re.MULTILINE)
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 

@@ -90,10 +90,10 @@ def _as_text(reported_runs: Sequence[ReportedRun]) -> str:
 
 def _as_json(reported_runs: Sequence[ReportedRun], bags: Sequence[Path]) -> str:
     """Return an object for one recording, a list of such for several."""
-    from ik_node.report import as_plain
+    from ik_node.report.text import report_plain
 
     every = [
-        {"name": reported.name, "bag": str(bag), **as_plain(reported.metrics)}
+        {"name": reported.name, "bag": str(bag), **report_plain(reported.metrics)}
         for reported, bag in zip(reported_runs, bags, strict=True)
     ]
     return json.dumps(every[0] if len(every) == 1 else every, indent=2, allow_nan=False)

@@ -61,8 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _view_bag(options: argparse.Namespace) -> None:
     from ik_node.recording.run_reader import load_run
+    from ik_node.report.recorded_scene import read_obstacles
     from ik_node.viewer.open_run import open_run
-    from ik_node.viewer.recorded_scene import read_obstacles
     from ik_node.viewer.server import serve
 
     run = load_run(options.bag, options.node)

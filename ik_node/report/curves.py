@@ -13,7 +13,17 @@ from ik_node.report import quantities
 from ik_node.report.metrics import velocity_ratio
 from ik_node.report.quantities import DisplayedQuantity
 from ik_node.report.reported_run import ReportedRun
-from ik_node.report.style import BLUE, GREY, TEXT_COLOUR, VERMILION, decimate, placeholder
+from ik_node.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    PURPLE,
+    TEXT_COLOUR,
+    VERMILION,
+    decimate,
+    legend_above,
+    placeholder,
+)
 
 VELOCITY_AXIS_END = 118.0
 """End of the axis of joint velocities, % of the limit."""
@@ -21,27 +31,37 @@ VELOCITY_AXIS_END = 118.0
 
 def draw_tracking_error(axes: Any, reported_runs: Sequence[ReportedRun], quantity: DisplayedQuantity) -> None:
     """Position or orientation error; for one recording with its settled RMS."""
-    axes.set_title(quantity.title)
-    field = quantity.name.replace(" ", "_")
+    field = "position" if quantity is quantities.POSITION_ERROR else "orientation"
     known = [(reported, reported.metrics.series) for reported in reported_runs]
     lines = [(reported, series) for reported, series in known if series is not None]
     if not lines:
+        axes.set_title(quantity.title)
         placeholder(axes, "not evaluated: no ground truth file and no recorded targets")
         return
+    alone = len(reported_runs) == 1
+    axes.set_title(f"{field.capitalize()} error [{quantity.unit}]" if alone else quantity.title)
     for reported, series in lines:
-        errors = np.where(series.inside, quantity.scaled(getattr(series, field)), np.nan)
-        times, values = decimate(series.times_s - reported.zero_s, errors)
-        if len(reported_runs) == 1:
-            axes.fill_between(times, values, color=reported.colour, alpha=0.18, linewidth=0)
-        axes.plot(times, values, color=reported.colour)
+        curves = [(quantities.TOOL_TO_TRAJECTORY, series.tool_to_trajectory, reported.colour)]
+        if alone:
+            curves.append((quantities.REFERENCE_TO_TRAJECTORY, series.reference_to_trajectory, GREEN))
+            curves.append((quantities.TOOL_TO_REFERENCE, series.tool_to_reference, PURPLE))
+        for label, errors, colour in curves:
+            shown = np.where(series.inside, quantity.scaled(getattr(errors, field)), np.nan)
+            times, values = decimate(series.times_s - reported.zero_s, shown)
+            if alone and errors is series.tool_to_trajectory:
+                axes.fill_between(times, values, color=colour, alpha=0.18, linewidth=0)
+            axes.plot(times, values, color=colour, label=label, linewidth=1.1 if colour == reported.colour else 0.9)
     axes.set_ylim(bottom=0.0)
     tracking = lines[0][0].metrics.tracking
-    if len(reported_runs) == 1 and tracking is not None:
-        rms = getattr(tracking.settled, f"{field.removesuffix('_error')}_rms_{quantity.unit}")
+    if alone and tracking is not None:
+        rms = getattr(tracking.settled, f"{field}_rms_{quantity.unit}")
+        legend_above(axes)
         if np.isfinite(rms):
-            axes.axhline(rms, color=VERMILION, linewidth=1.0, linestyle="--")
-            place = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
-            axes.annotate(f"RMS {rms:.3g}", (1.0, rms), color=VERMILION, **place)
+            axes.axhline(rms, color=TEXT_COLOUR, linewidth=0.8, linestyle="--")
+            place = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center"}
+            axes.annotate(
+                f"RMS\n{rms:.3g}", (1.005, rms), color=TEXT_COLOUR, fontsize=8, annotation_clip=False, **place
+            )
 
 
 def draw_singular_values(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
@@ -73,9 +93,11 @@ def draw_scale(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
 
 
 def draw_clearance(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
-    """Distance of the closest pair."""
+    """Distance to obstacles and between links for one recording, else that of the closest pair."""
     quantity = quantities.CLEARANCE
     axes.set_title(quantity.title)
+    if len(reported_runs) == 1 and _draw_both_clearances(axes, reported_runs[0]):
+        return
     lines = 0
     for reported in reported_runs:
         finite = np.isfinite(reported.run.clearance)
@@ -87,8 +109,27 @@ def draw_clearance(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         placeholder(axes, "not computed")
         return
     axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.9, linestyle="--")
-    if len(reported_runs) == 1:
-        axes.set_title(f"{quantity.title}; minimum between {' and '.join(reported_runs[0].metrics.nearness.pair)}")
+
+
+def _draw_both_clearances(axes: Any, reported: ReportedRun) -> bool:
+    """Draws both distances; False when they were not computed."""
+    series, metrics = reported.metrics.clearance_series, reported.metrics
+    if series is None:
+        return False
+    drawn = False
+    for values, least, kind, colour in (
+        (series.obstacle, metrics.obstacle_clearance, "to obstacles", VERMILION),
+        (series.own, metrics.self_clearance, "between links", reported.colour),
+    ):
+        if np.isfinite(values).any():
+            label = f"{kind}, min {quantities.CLEARANCE.text(least.least)}"
+            axes.plot(series.times_s - reported.zero_s, quantities.CLEARANCE.scaled(values), color=colour, label=label)
+            drawn = True
+    if drawn:
+        axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.9, linestyle="--")
+        axes.set_title("Clearance [mm]")
+        legend_above(axes, 2)
+    return drawn
 
 
 def draw_twist_account(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
@@ -114,8 +155,33 @@ def draw_twist_account(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     for (reported, _, colour, label), norm in zip(curves, norms, strict=True):
         axes.plot(*decimate(reported.times_s, norm), color=colour, linewidth=0.9, label=label)
     if len(reported_runs) == 1:
-        axes.legend(loc="upper right", ncols=3, frameon=False, fontsize=8)
+        legend_above(axes)
     axes.set_ylim(bottom=0.0)
+
+
+def draw_kinetic_energy(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Kinetic energy of the commands."""
+    axes.set_title(quantities.KINETIC_ENERGY.title)
+    for reported in reported_runs:
+        series = reported.metrics.energy_series
+        axes.plot(*decimate(series.times_s - reported.zero_s, series.kinetic), color=reported.colour)
+    axes.set_ylim(bottom=0.0)
+
+
+def draw_potential(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """The potential h(q) of the method, minus its value at the start."""
+    known = [reported for reported in reported_runs if len(reported.metrics.energy_series.potential)]
+    unit = quantities.POTENTIAL.unit
+    if not known:
+        axes.set_title(quantities.POTENTIAL.title)
+        placeholder(axes, "the method has no potential")
+        return
+    names = ", ".join(dict.fromkeys(reported.metrics.energy.potential for reported in known))
+    axes.set_title(f"h(q) - h(q at the start) [{unit}]: {names}")
+    for reported in known:
+        series = reported.metrics.energy_series
+        values = series.potential - series.potential[0]
+        axes.plot(*decimate(series.potential_times_s - reported.zero_s, values), color=reported.colour)
 
 
 def _account(reported: ReportedRun) -> TwistAccount:

@@ -37,11 +37,13 @@ def draw_pages(reported_runs: Sequence[ReportedRun]) -> tuple[ReportPage, ...]:
             "Joints", "Position and velocity command of every joint with its limits.", draw_joints(reported_runs)
         ),
         ReportPage(
-            "Solver", "Singular values, task scale s, clearance and both multiplier terms.", draw_solver(reported_runs)
+            "Solver",
+            "Singular values, task scale s, clearance, both multiplier terms and energies.",
+            draw_solver(reported_runs),
         ),
         ReportPage(
             "Timing and states",
-            "Intervals between control steps; hold-ups; age of the target; states with reasons.",
+            "Control periods; hold-ups; age of the target; computing time; states with reasons.",
             draw_states(reported_runs),
         ),
     )

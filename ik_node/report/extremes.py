@@ -21,14 +21,16 @@ class JointLimitMargin(NamedTuple):
 
 
 class MultiplierMaxima(NamedTuple):
-    """Largest norms of both terms of the multiplier, as recorded: the potential term includes the gain k."""
+    """Largest norms of both terms of the multiplier; the potential term is divided by the gain k."""
 
     task_linear_max: float
     """N s for a mass-weighted method."""
     task_angular_max: float
     """N m s for a mass-weighted method."""
     potential_linear_max: float
+    """N."""
     potential_angular_max: float
+    """N m."""
 
 
 def joint_limit_margin(run: Run) -> JointLimitMargin:
@@ -43,10 +45,32 @@ def joint_limit_margin(run: Run) -> JointLimitMargin:
 
 def multiplier_maxima(run: Run) -> MultiplierMaxima:
     """Norms over all ticks; NaN if no tick computed a multiplier."""
-    task, potential = run.multiplier_task, run.multiplier_potential
+    task, potential = run.multiplier_task, potential_wrench(run)
     return MultiplierMaxima(
         _max_norm(task[:, :3]), _max_norm(task[:, 3:]), _max_norm(potential[:, :3]), _max_norm(potential[:, 3:])
     )
+
+
+def potential_wrench(run: Run) -> Array:
+    """The potential term of the multiplier divided by the gain k: a wrench on the tool.
+
+    k is the parameter ``gradient_gain`` at each control step. Where ``null_space_speed`` reduced k, the result is the
+    wrench times that reduction, because the reduced k is not recorded.
+
+    Returns:
+        (k, 6), N and N m; NaN where the gain is 0 or not recorded.
+    """
+    gain = np.full(len(run.times_s), _number(run.settings.get("gradient_gain")))
+    for time_s, changed in run.setting_changes:
+        if "gradient_gain" in changed:
+            gain[run.times_s >= time_s] = _number(changed["gradient_gain"])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result: Array = run.multiplier_potential / np.where(gain > 0.0, gain, np.nan)[:, None]
+    return result
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, (int, float)) else np.nan
 
 
 def _max_norm(vectors: Array) -> float:

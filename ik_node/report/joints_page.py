@@ -14,6 +14,8 @@ from ik_node.report.reported_run import ReportedRun, all_joints, span_of, time_l
 from ik_node.report.style import GREY, VERMILION, decimate, page_heading, run_legend, share_time_axis
 
 ROW_IN = 1.05
+NAME_POINTS = -34.0
+"""Place of the name of a joint, left of the tick labels."""
 LIMIT_MARGIN = 0.06
 """Fraction of a joint's range that is drawn beyond its limits."""
 
@@ -27,7 +29,7 @@ def draw_joints(reported_runs: Sequence[ReportedRun]) -> Any:
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
     grid = figure.add_gridspec(
-        len(joints), 2, left=0.09, right=0.955, top=1.0 - 0.8 / height, bottom=0.5 / height, hspace=0.16, wspace=0.1
+        len(joints), 2, left=0.11, right=0.955, top=1.0 - 0.8 / height, bottom=0.5 / height, hspace=0.16, wspace=0.1
     )
     columns: list[list[Any]] = [[], []]
     for row, joint in enumerate(joints):
@@ -35,8 +37,9 @@ def draw_joints(reported_runs: Sequence[ReportedRun]) -> Any:
             axes = figure.add_subplot(grid[row, index])
             columns[index].append(axes)
             draw(axes, joint, [reported for reported in reported_runs if joint in reported.run.joints])
-        columns[0][-1].set_ylabel(joint, rotation=0, ha="right", va="center", fontsize=8)
-    columns[0][0].set_title("Measured position [rad, m], limits shaded; right: smallest distance to a limit")
+        place: Any = {"textcoords": "offset points", "ha": "right", "va": "center"}
+        columns[0][-1].annotate(joint, (0.0, 0.5), (NAME_POINTS, 0.0), "axes fraction", fontsize=8, **place)
+    columns[0][0].set_title("Measured position [rad, m]; right: smallest distance to a limit")
     columns[1][0].set_title("Velocity command [% of the limit]; right: peak")
     for column in columns:
         share_time_axis(column, span_of(reported_runs), time_label(reported_runs))

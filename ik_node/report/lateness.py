@@ -64,24 +64,43 @@ class HoldUps(NamedTuple):
 
 def late_targets(run: Run) -> LateTargetMetrics:
     """Late and lost targets of a run."""
-    delivery = _deliveries(run)[-1]
+    delivery = deliveries(run)[-1]
     return LateTargetMetrics(delivery.late, delivery.lost, _age(target_age_s(run)))
+
+
+class LateRows(NamedTuple):
+    """Which control steps came late, (k - 1,): entry i is that of step i + 1."""
+
+    late: NDArray[np.bool_]
+    by_machine: NDArray[np.bool_]
+    """Those that the machine of the node delayed."""
+
+
+def late_rows(run: Run) -> LateRows:
+    """Late control steps of a run."""
+    found = hold_ups(run)
+    begin, end = run.times_s[:-1], run.times_s[1:]
+    limit_s = LATE_PERIODS / setting(run, "rate_hz")
+    late = _counted(run) & (end - begin > limit_s)
+    waited = np.diff(run.state_times_s) <= limit_s
+    held_up = np.searchsorted(found.end_s, end, side="right") > np.searchsorted(found.end_s, begin, side="right")
+    return LateRows(late, late & (held_up | waited))
+
+
+def _counted(run: Run) -> NDArray[np.bool_]:
+    """Intervals in closed loop between consecutive control steps, (k - 1,)."""
+    return np.asarray(closed_loop(run)[:-1] & (np.diff(run.tick) == 1))
 
 
 def late_steps(run: Run) -> LateStepMetrics:
     """Late control steps and hold-ups of a run."""
-    found, rate_hz = hold_ups(run), _setting(run, "rate_hz")
-    begin, end = run.times_s[:-1], run.times_s[1:]
-    counts = _closed_loop(run)[:-1] & (np.diff(run.tick) == 1)
-    limit_s = LATE_PERIODS / rate_hz
-    late = counts & (end - begin > limit_s)
-    waited = np.diff(run.state_times_s) <= limit_s
-    held_up = np.searchsorted(found.end_s, end, side="right") > np.searchsorted(found.end_s, begin, side="right")
+    found, rows = hold_ups(run), late_rows(run)
+    hold_s = setting(run, "limits.hold_periods") / setting(run, "rate_hz")
     return LateStepMetrics(
-        late=int(late.sum()),
-        by_machine=int((late & (held_up | waited)).sum()),
-        held_too_long=int((counts & (end - begin > _setting(run, "limits.hold_periods") / rate_hz)).sum()),
-        state_age=_age((run.times_s - run.state_times_s)[_closed_loop(run)]),
+        late=int(rows.late.sum()),
+        by_machine=int(rows.by_machine.sum()),
+        held_too_long=int((_counted(run) & (np.diff(run.times_s) > hold_s)).sum()),
+        state_age=_age((run.times_s - run.state_times_s)[closed_loop(run)]),
         hold_ups=len(found.end_s),
         hold_ups_s=float(found.duration_s.sum()),
         hold_up_max_ms=1e3 * float(found.duration_s.max(initial=0.0)),
@@ -102,16 +121,16 @@ def target_age_s(run: Run) -> Array:
     and where the control law is not active.
     """
     newest = np.searchsorted(run.targets.times_s, run.times_s, side="right")
-    taken_s = np.array([np.nan, *(delivery.time_ns / NS for delivery in _deliveries(run)[1:])])
+    taken_s = np.array([np.nan, *(delivery.time_ns / NS for delivery in deliveries(run)[1:])])
     gap_s = np.diff(run.targets.times_s, prepend=-np.inf, append=np.inf)
-    active = _closed_loop(run) & (gap_s[newest] <= _setting(run, "target.timeout_s"))
+    active = closed_loop(run) & (gap_s[newest] <= setting(run, "target.timeout_s"))
     result: Array = np.where(active, run.times_s - taken_s[newest], np.nan)
     return result
 
 
-def _deliveries(run: Run) -> list[StreamDelivery]:
-    """Figures before the first target and after each."""
-    found, timeout_s, targets = [StreamDelivery()], _setting(run, "target.timeout_s"), run.targets
+def deliveries(run: Run) -> list[StreamDelivery]:
+    """Counts of late and lost targets: before the first target, and after each."""
+    found, timeout_s, targets = [StreamDelivery()], setting(run, "target.timeout_s"), run.targets
     stamps = zip(targets.times_s.tolist(), targets.received_ros_ns.tolist(), targets.stamp_ns.tolist(), strict=True)
     for time_s, ros_ns, stamp_ns in stamps:
         now = Instant(round(time_s * NS), ros_ns)
@@ -126,11 +145,12 @@ def _age(values_s: Array) -> AgeMetrics:
     return AgeMetrics(float(np.median(known)), float(np.percentile(known, 95.0)), float(known.max()))
 
 
-def _closed_loop(run: Run) -> NDArray[np.bool_]:
+def closed_loop(run: Run) -> NDArray[np.bool_]:
+    """Control steps in which the control law computed the command, (k,)."""
     return np.array([status.mode in CLOSED_LOOP for status in run.status], dtype=bool)
 
 
-def _setting(run: Run, name: str) -> float:
+def setting(run: Run, name: str) -> float:
     """Value of a parameter at the start; NaN when it was not recorded."""
     value = run.settings.get(name)
     return float(value) if isinstance(value, (int, float)) else math.nan

@@ -12,10 +12,22 @@ from ik_node.interfaces.step import FASTER
 from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
+from ik_node.report.clearances import (
+    NO_CLEARANCE,
+    ClearanceMetrics,
+    ClearanceSeries,
+    clearances,
+    recorded_clearance,
+)
+from ik_node.report.deviation import Deviation, StatePeriod, largest_deviation, longest_first, longest_states
+from ik_node.report.energies import EnergyMetrics, EnergySeries, energies
 from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
 from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
 from ik_node.report.lateness import LateStepMetrics, LateTargetMetrics, late_steps, late_targets
-from ik_node.report.tracking import TrackingMetrics, TrackingSeries, compare
+from ik_node.report.recorded_scene import RecordedObstacles
+from ik_node.report.run_description import recording_date, robot_name
+from ik_node.report.tracking import TrackingErrors, TrackingMetrics, TrackingSeries, compare, tool_to_reference
+from ik_node.robot.robot import Robot
 
 SETTLE_S = 1.0
 """Duration of the initial transient, which the settled errors exclude."""
@@ -38,6 +50,14 @@ class TimingMetrics(NamedTuple):
     period_max_ms: float
     missing: int
     """Control steps that are not in the recording."""
+
+
+class ComputingMetrics(NamedTuple):
+    """Time from the call of the controller until the command was published; NaN where it was not measured."""
+
+    median_ms: float
+    p99_ms: float
+    max_ms: float
 
 
 class SpeedMetrics(NamedTuple):
@@ -95,24 +115,8 @@ class ScalingMetrics(NamedTuple):
     """Time with s < 1, s."""
     binding: tuple[tuple[str, float], ...]
     """(active limit, time it was active in s), longest first."""
-
-
-class ClearanceMetrics(NamedTuple):
-    """Smallest distance to an obstacle or between links."""
-
-    least: float
-    """m; NaN if no distance was computed."""
-    time_s: float
-    pair: tuple[str, ...]
-    """Names of the closest pair."""
-
-
-class StatePeriod(NamedTuple):
-    """Total time in one mode with one reason."""
-
-    mode: str
-    reason: str
-    duration_s: float
+    slowed_by: tuple[tuple[str, float], ...]
+    """(limit, time in s in which it was active while s < 1), longest first."""
 
 
 class TooFastTarget(NamedTuple):
@@ -129,17 +133,31 @@ class RunMetrics(NamedTuple):
     robot: str
     trajectory: str
     method: str
+    recorded_utc: str
+    """Date and time of the first control step; empty for simulated time."""
+    simulated: bool
+    """Whether the recording names a simulated arm."""
     joints: tuple[str, ...]
     duration_s: float
     """From the first control step to the last."""
     tracking: TrackingMetrics | None
     """None without a ground truth."""
+    tool_to_reference: TrackingErrors
+    """The measured tool pose against the desired pose T_sd, over all control steps in closed loop."""
+    deviation: Deviation | None
+    """Interval of the largest error; None when the tool is nowhere off the trajectory."""
     ticks: TimingMetrics
     speed: SpeedMetrics
     singularity: SingularityMetrics
     direction: DirectionMetrics
     scaling: ScalingMetrics
     nearness: ClearanceMetrics
+    """Smallest recorded distance, to an obstacle or between links."""
+    obstacle_clearance: ClearanceMetrics
+    """Smallest distance to an obstacle, from the recorded positions."""
+    self_clearance: ClearanceMetrics
+    """Smallest distance between links, from the recorded positions."""
+    energy: EnergyMetrics
     margin: JointLimitMargin
     multiplier: MultiplierMaxima
     periods: tuple[StatePeriod, ...]
@@ -150,16 +168,23 @@ class RunMetrics(NamedTuple):
     target_too_fast: TooFastTarget
     late_targets: LateTargetMetrics
     late_steps: LateStepMetrics
+    computing: ComputingMetrics
     dropped: int
     """Messages that the recorder dropped."""
     complete: bool
     """Whether the recorder closed the recording."""
     series: TrackingSeries | None
-    """For plots; not part of the JSON."""
+    """For plots; like the following ones not part of the JSON."""
+    clearance_series: ClearanceSeries | None
+    energy_series: EnergySeries
 
 
 def compute_metrics(
-    run: Run, truth: GroundTruth | None = None, trajectory: str = "", settle_s: float = SETTLE_S
+    run: Run,
+    truth: GroundTruth | None = None,
+    trajectory: str = "",
+    settle_s: float = SETTLE_S,
+    obstacles: RecordedObstacles | None = None,
 ) -> RunMetrics:
     """Computes all metrics of a run.
 
@@ -171,23 +196,35 @@ def compute_metrics(
         truth: Ground truth; the recorded targets if None.
         trajectory: Name of the trajectory in the report.
         settle_s: Duration of the initial transient, which the settled errors exclude.
+        obstacles: Obstacles of the run; default: those of its scene file.
     """
     reference = truth or ground_truth_from_targets(run.targets, run.base_frame)
     tracking, series = (None, None) if reference is None else compare(run, reference, settle_s)
     durations_s = _durations(run)
+    robot = Robot(run.urdf, run.base_frame, run.tip_frame, run.joints, str(run.settings.get("joint_prefix", "")))
+    method = str(run.settings.get("method", ""))
+    clearance_series = clearances(run, robot, obstacles)
+    energy, energy_series = energies(run, robot, method, clearance_series)
     return RunMetrics(
         robot=run.robot or robot_name(run.urdf),
         trajectory=trajectory,
-        method=str(run.settings.get("method", "")),
+        method=method,
+        recorded_utc=recording_date(int(run.ros_ns[0])) if len(run.ros_ns) else "",
+        simulated=run.simulated,
         joints=run.joints,
         duration_s=float(run.times_s[-1] - run.times_s[0]) if len(run.times_s) else 0.0,
         tracking=tracking,
+        tool_to_reference=tool_to_reference(run),
+        deviation=None if series is None else largest_deviation(run, series, durations_s),
         ticks=_ticks(run),
         speed=_speed(run),
         singularity=_singularity(run, durations_s),
         direction=_direction(run, durations_s),
         scaling=_scaling(run, durations_s),
-        nearness=_clearance(run),
+        nearness=recorded_clearance(run),
+        obstacle_clearance=NO_CLEARANCE if clearance_series is None else clearance_series.least_obstacle,
+        self_clearance=NO_CLEARANCE if clearance_series is None else clearance_series.least_own,
+        energy=energy,
         margin=joint_limit_margin(run),
         multiplier=multiplier_maxima(run),
         periods=_periods(run, durations_s),
@@ -196,16 +233,20 @@ def compute_metrics(
         target_too_fast=_too_fast(run, durations_s),
         late_targets=late_targets(run),
         late_steps=late_steps(run),
+        computing=_computing(run),
         dropped=run.dropped,
         complete=run.complete,
         series=series,
+        clearance_series=clearance_series,
+        energy_series=energy_series,
     )
 
 
-def robot_name(urdf: str) -> str:
-    """Value of the attribute ``name`` of a URDF's robot element; ``robot`` if there is none."""
-    found = re.search(r"<robot\b[^>]*\bname\s*=\s*[\"']([^\"']*)", urdf)
-    return found.group(1) if found else "robot"
+def _computing(run: Run) -> ComputingMetrics:
+    known = 1e3 * run.computing_s[np.isfinite(run.computing_s)]
+    if not len(known):
+        return ComputingMetrics(math.nan, math.nan, math.nan)
+    return ComputingMetrics(float(np.median(known)), float(np.percentile(known, 99.0)), float(known.max()))
 
 
 def velocity_ratio(run: Run) -> Array:
@@ -288,7 +329,7 @@ def _direction(run: Run, durations_s: Array) -> DirectionMetrics:
     is_off = speed > np.maximum(TRUNCATION_TOLERANCE, MIN_OFF_RATIO * wanted)
     times: dict[str, float] = {}
     limits = [names for names, is_known in zip(run.off_direction_limits, known.tolist(), strict=True) if is_known]
-    for names, duration, counts in zip(limits, durations_s[known], is_off, strict=True):
+    for names, duration, counts in zip(limits, durations_s[known].tolist(), is_off, strict=True):
         if counts and names:
             times[names[0]] = times.get(names[0], 0.0) + duration
     held_back = np.linalg.norm(account.held_back[known][:, :3], axis=1)
@@ -299,7 +340,7 @@ def _direction(run: Run, durations_s: Array) -> DirectionMetrics:
         off_angular_max=float(angular.max(initial=0.0)),
         off_s=float(durations_s[known][is_off].sum()),
         held_back_linear_max=float(held_back.max(initial=0.0)),
-        limits=_longest_first(times),
+        limits=longest_first(times),
     )
 
 
@@ -308,30 +349,22 @@ def _characteristic_length(run: Run) -> float:
     return float(length) if isinstance(length, (int, float)) else 1.0
 
 
-def _longest_first(times: dict[str, float]) -> tuple[tuple[str, float], ...]:
-    return tuple(sorted(times.items(), key=lambda item: (-item[1], item[0])))
-
-
-def _clearance(run: Run) -> ClearanceMetrics:
-    finite = np.isfinite(run.clearance)
-    if not finite.any():
-        return ClearanceMetrics(math.nan, math.nan, ())
-    row = int(np.where(finite, run.clearance, np.inf).argmin())
-    return ClearanceMetrics(float(run.clearance[row]), float(run.times_s[row]), run.closest_pair[row])
-
-
 def _scaling(run: Run, durations_s: Array) -> ScalingMetrics:
     finite = np.isfinite(run.scale)
     with np.errstate(invalid="ignore"):
         slowed = run.scale < 1.0
     times: dict[str, float] = {}
-    for names, duration in zip(run.binding, durations_s.tolist(), strict=True):
+    slowing: dict[str, float] = {}
+    for names, duration, is_slowed in zip(run.binding, durations_s.tolist(), slowed.tolist(), strict=True):
         for name in names:
             times[name] = times.get(name, 0.0) + duration
+            if is_slowed:
+                slowing[name] = slowing.get(name, 0.0) + duration
     return ScalingMetrics(
         least=float(run.scale[finite].min()) if finite.any() else math.nan,
         slowed_s=float(durations_s[slowed].sum()),
-        binding=_longest_first(times),
+        binding=longest_first(times),
+        slowed_by=longest_first(slowing),
     )
 
 
@@ -340,8 +373,7 @@ def _periods(run: Run, durations_s: Array) -> tuple[StatePeriod, ...]:
     for status, duration in zip(run.status, durations_s.tolist(), strict=True):
         key = (status.mode.value, status.reason)
         times[key] = times.get(key, 0.0) + duration
-    longest = sorted(times.items(), key=lambda item: (-item[1], item[0]))
-    return tuple(StatePeriod(mode, reason, duration) for (mode, reason), duration in longest)
+    return longest_states(times)
 
 
 def _too_fast(run: Run, durations_s: Array) -> TooFastTarget:

@@ -1,4 +1,4 @@
-"""The tool path in 3-D with obstacles."""
+"""Tool path and arm in 3-D with obstacles."""
 
 from __future__ import annotations
 
@@ -9,42 +9,76 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.collision.scene import read_scene
+from ik_node.collision.scene import Obstacle, read_scene
 from ik_node.errors import SceneError
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.reported_run import ReportedRun
-from ik_node.report.style import BLUE, GREEN, LIGHT_GREY, MAX_POINTS, VERMILION
+from ik_node.report.style import BLUE, GREY, LIGHT_GREY, MAX_POINTS, TEXT_COLOUR, VERMILION
 from ik_node.report.tracking import TrackingSeries
+from ik_node.robot.robot import Robot
 
+MIN_ASPECT = 0.5
+"""Shortest side of the drawn box, relative to the longest."""
 MIN_MARGIN_M = 0.005
 """Free space around a path, which keeps the axes non-empty for a tool at rest."""
 
 
-def draw_path(figure: Any, axes: Any, series: TrackingSeries) -> None:
-    """Draws the desired path (broad), the measured path coloured by its error, and the z axis of the tool."""
+def draw_path(figure: Any, axes: Any, reported: ReportedRun) -> None:
+    """Draws one run: path of the trajectory (broad), measured path coloured by its error, arm, and obstacles."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
-    rows = _rows(series)
-    if len(rows) < 2:
+    series = reported.metrics.series
+    rows = _rows(series) if series is not None else np.empty(0, np.int64)
+    if series is None or len(rows) < 2:
+        axes.axis("off")
         return
     desired, measured = series.desired.position[rows], series.measured.position[rows]
-    axes.plot(*desired.T, color=LIGHT_GREY, linewidth=6.0, solid_capstyle="round", label="desired")
+    arm = _draw_arm(axes, reported)
+    axes.plot(*desired.T, color=LIGHT_GREY, linewidth=5.0, solid_capstyle="round", label="trajectory")
     coloured = Line3DCollection(np.stack((measured[:-1], measured[1:]), axis=1), cmap="cividis", linewidth=2.0)
-    error_mm = 1e3 * series.position_error[rows]
+    error_mm = 1e3 * series.tool_to_trajectory.position[rows]
     coloured.set_array(error_mm[:-1])
     coloured.set_clim(0.0, max(float(np.percentile(error_mm, 99.5)), 1e-6))
     axes.add_collection3d(coloured)
-    axes.plot([], [], color=BLUE, linewidth=2.0, label="measured, coloured by error")
-    size = float(np.ptp(desired, axis=0).max()) or 0.1
-    _tool_axes(axes, series, rows, 0.13 * size)
-    axes.scatter(*measured[0], color=VERMILION, s=28, depthshade=False, label="start")
-    _set_equal_axes(axes, desired, 0.13 * size)
-    bar = figure.colorbar(coloured, ax=axes, shrink=0.5, pad=0.10, aspect=22)
-    bar.set_label("position error [mm]")
+    axes.plot([], [], color=BLUE, linewidth=2.0, label="tool, coloured by error")
+    axes.scatter(*measured[0], color=VERMILION, s=22, depthshade=False, label="start")
+    obstacles = _static_obstacles(reported.run)
+    _draw_obstacles(axes, obstacles)
+    points = np.concatenate((desired, measured, *arm, *_corners(obstacles, np.concatenate((desired, *arm)))))
+    _set_equal_axes(axes, points, 0.03)
+    bar = figure.colorbar(
+        coloured, ax=axes, orientation="horizontal", shrink=0.5, pad=0.06, aspect=28, anchor=(0.5, 1.0)
+    )
+    bar.set_label("position error, tool to trajectory [mm]", fontsize=8)
+    bar.ax.tick_params(labelsize=7.5)
+    bar.ax.locator_params(nbins=5)
     bar.outline.set_visible(False)
-    axes.legend(loc="upper left", frameon=False, fontsize=8)
-    axes.set_title("Tool path; green: z axis of the tool")
+    axes.legend(loc="upper left", frameon=False, fontsize=8, bbox_to_anchor=(-0.03, 1.04))
+
+
+def _draw_arm(axes: Any, reported: ReportedRun) -> list[Array]:
+    """Draws the arm at the start and at its smallest clearance; returns the points, (m, 3) each."""
+    run, metrics = reported.run, reported.metrics
+    known = np.flatnonzero(np.isfinite(run.q).all(axis=1))
+    if not len(known):
+        return []
+    robot = Robot(run.urdf, run.base_frame, run.tip_frame, run.joints, str(run.settings.get("joint_prefix", "")))
+    shown = [(int(known[0]), GREY, "arm at the start")]
+    least = metrics.obstacle_clearance
+    if not np.isfinite(least.least):
+        least = metrics.self_clearance
+    if np.isfinite(least.least):
+        row = int(known[np.abs(run.times_s[known] - least.time_s).argmin()])
+        text = f"arm at {least.time_s - reported.zero_s:.1f} s: {1e3 * least.least:.0f} mm, {' - '.join(least.pair)}"
+        shown.append((row, TEXT_COLOUR, text))
+    drawn = []
+    for row, colour, label in shown:
+        q = np.ascontiguousarray(run.q[row])
+        points = np.vstack((robot.pose_base_root[:3, 3], robot.joint_origins(q), robot.pose(q)[:3, 3]))
+        axes.plot(*points.T, color=colour, linewidth=2.2, marker="o", markersize=3.2, alpha=0.75, label=label)
+        drawn.append(points)
+    return drawn
 
 
 def draw_paths(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
@@ -83,61 +117,79 @@ def _rows(series: TrackingSeries) -> NDArray[np.int64]:
     return rows[:: max(1, len(rows) // MAX_POINTS)]
 
 
-def _tool_axes(axes: Any, series: TrackingSeries, rows: NDArray[np.int64], length: float) -> None:
-    """Draws the tool's z axis at about 48 evenly spaced points of the path."""
-    position, quaternion = series.measured.position[rows], series.measured.quaternion[rows]
-    arc_length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))))
-    selected = np.unique(np.searchsorted(arc_length, np.linspace(0.0, arc_length[-1], 48)).clip(0, len(rows) - 1))
-    x, y, z, w = quaternion[selected].T
-    direction = np.column_stack((2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)))
-    begin = position[selected]
-    for first, last in zip(begin, begin + length * direction, strict=True):
-        axes.plot(*np.column_stack((first, last)), color=GREEN, linewidth=0.8, alpha=0.75)
-
-
 def _set_equal_axes(axes: Any, points: Array, margin: float) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     margin = max(margin, MIN_MARGIN_M)
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    # A box that is flat in one direction would have overlapping ticks there.
+    missing = np.maximum(MIN_ASPECT * float((high - low).max()) - (high - low), 0.0)
+    low, high = low - 0.5 * missing, high + 0.5 * missing
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_zlim(low[2], high[2])
-    axes.set_box_aspect(high - low, zoom=1.1)
+    axes.set_box_aspect(high - low, zoom=1.05)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_zlabel("z [m]")
-    axes.locator_params(nbins=5)
-    axes.view_init(elev=22.0, azim=-38.0)
+    for axis, size in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
+        axis.set_major_locator(MaxNLocator(2 if size < 0.7 * float((high - low).max()) else 4))
+        axis.set_tick_params(labelsize=7.5, pad=0)
+        axis.labelpad = 2
+    axes.view_init(elev=22.0, azim=-52.0)
     for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
         pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
 
 
 def draw_obstacles(axes: Any, run: Run) -> None:
-    """Draws the static obstacles of the run's scene file if that file still exists and can be read."""
+    """Draws the static obstacles of the run's scene file, as far as they are near the drawn path."""
+    obstacles = _static_obstacles(run)
+    _draw_obstacles(axes, obstacles)
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
+    _set_equal_axes(axes, np.concatenate((limits, *_corners(obstacles, limits))), 0.0)
+
+
+def _static_obstacles(run: Run) -> tuple[Obstacle, ...]:
+    """The obstacles of the run's scene file if that file still exists and can be read."""
     path = Path(str(run.settings.get("obstacles.scene", "")))
     if not path.is_file():
-        return
+        return ()
     try:
-        scene = read_scene(path)
+        return tuple(read_scene(path).obstacles.values())
     except SceneError:  # obstacles in frames of the arm, or a file that has changed: nothing is drawn
-        return
-    if not scene.obstacles:
-        return
+        return ()
+
+
+def _corners(obstacles: Sequence[Obstacle], near: Array) -> list[Array]:
+    """Ends of the obstacles that are not farther from the points ``near`` than these extend, (2, 3) each."""
+    size = float(np.ptp(near, axis=0).max())
+    found = []
+    for entry in obstacles:
+        surface = _surface(entry).reshape(3, -1)
+        box = np.stack((surface.min(axis=1), surface.max(axis=1)))
+        if np.linalg.norm(near - entry.pose_s[:3, 3], axis=1).min() < size and np.ptp(box, axis=0).max() < 2.0 * size:
+            found.append(box)
+    return found
+
+
+def _draw_obstacles(axes: Any, obstacles: Sequence[Obstacle]) -> None:
+    for entry in obstacles:
+        axes.plot_surface(*_surface(entry), color=VERMILION, alpha=0.18, linewidth=0.0, shade=False)
+        axes.plot_wireframe(*_surface(entry), color=VERMILION, linewidth=0.4, alpha=0.5, rstride=3, cstride=6)
+
+
+def _surface(entry: Obstacle) -> Array:
+    """Points on the surface of an obstacle in the base frame, (3, i, j), m."""
     angle, height = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, 1.0, 7))
-    for entry in scene.obstacles.values():
-        size = entry.shape.size
-        if entry.shape.kind == "box":
-            square = np.sqrt(2.0) * np.round(np.stack((np.cos(angle + np.pi / 4), np.sin(angle + np.pi / 4))), 12)
-            square /= np.maximum(np.abs(square).max(axis=0), 1e-9)
-            surface = np.stack((0.5 * size[0] * square[0], 0.5 * size[1] * square[1], size[2] * (height - 0.5)))
-        elif entry.shape.kind == "sphere":
-            horizontal, vertical = np.sin(np.pi * height), np.cos(np.pi * height)
-            surface = size[0] * np.stack((horizontal * np.cos(angle), horizontal * np.sin(angle), vertical))
-        else:
-            surface = np.stack((size[0] * np.cos(angle), size[0] * np.sin(angle), size[1] * (height - 0.5)))
-        placed = np.einsum("ij,jkl->ikl", entry.pose_s[:3, :3], surface) + entry.pose_s[:3, 3][:, None, None]
-        axes.plot_wireframe(*placed, color=VERMILION, linewidth=0.5, alpha=0.7)
-    points = np.array([entry.pose_s[:3, 3] for entry in scene.obstacles.values()])
-    for axis, limits, along in zip("xyz", (axes.get_xlim(), axes.get_ylim(), axes.get_zlim()), points.T, strict=True):
-        low, high = min(limits[0], float(along.min())), max(limits[1], float(along.max()))
-        getattr(axes, f"set_{axis}lim")(low, high)
-    axes.set_aspect("equal")
+    size = entry.shape.size
+    if entry.shape.kind == "box":
+        square = np.sqrt(2.0) * np.round(np.stack((np.cos(angle + np.pi / 4), np.sin(angle + np.pi / 4))), 12)
+        square /= np.maximum(np.abs(square).max(axis=0), 1e-9)
+        surface = np.stack((0.5 * size[0] * square[0], 0.5 * size[1] * square[1], size[2] * (height - 0.5)))
+    elif entry.shape.kind == "sphere":
+        horizontal, vertical = np.sin(np.pi * height), np.cos(np.pi * height)
+        surface = size[0] * np.stack((horizontal * np.cos(angle), horizontal * np.sin(angle), vertical))
+    else:
+        surface = np.stack((size[0] * np.cos(angle), size[0] * np.sin(angle), size[1] * (height - 0.5)))
+    placed: Array = np.einsum("ij,jkl->ikl", entry.pose_s[:3, :3], surface) + entry.pose_s[:3, 3][:, None, None]
+    return placed

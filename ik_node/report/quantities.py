@@ -40,8 +40,17 @@ class DisplayedQuantity(NamedTuple):
         return f"{number} {self.unit}".rstrip() if with_unit else number
 
 
-POSITION_ERROR = DisplayedQuantity("position error", "mm", 1e3)
-ORIENTATION_ERROR = DisplayedQuantity("orientation error", "mrad", 1e3)
+TOOL_TO_TRAJECTORY = "tool to trajectory"
+REFERENCE_TO_TRAJECTORY = "reference to trajectory"
+"""Part of that error: what targets and smoothing did."""
+TOOL_TO_REFERENCE = "tool to reference"
+"""The other part: what the control law and the limits did."""
+POSITION_ERROR = DisplayedQuantity(f"position error, {TOOL_TO_TRAJECTORY}", "mm", 1e3)
+ORIENTATION_ERROR = DisplayedQuantity(f"orientation error, {TOOL_TO_TRAJECTORY}", "mrad", 1e3)
+REFERENCE_POSITION_ERROR = DisplayedQuantity(f"position error, {REFERENCE_TO_TRAJECTORY}", "mm", 1e3)
+REFERENCE_ORIENTATION_ERROR = DisplayedQuantity(f"orientation error, {REFERENCE_TO_TRAJECTORY}", "mrad", 1e3)
+TOOL_POSITION_ERROR = DisplayedQuantity(f"position error, {TOOL_TO_REFERENCE}", "mm", 1e3)
+TOOL_ORIENTATION_ERROR = DisplayedQuantity(f"orientation error, {TOOL_TO_REFERENCE}", "mrad", 1e3)
 JOINT_SPEED = DisplayedQuantity("joint velocity command", "% of limit", 100.0, 1)
 SMALLEST_SINGULAR_VALUE = DisplayedQuantity("smallest singular value", "m", digits=4)
 SCALE = DisplayedQuantity("task scale s")
@@ -51,7 +60,16 @@ TRUNCATED_ANGULAR = DisplayedQuantity("truncated twist, angular", "mrad/s", 1e3,
 HELD_BACK_LINEAR = DisplayedQuantity("twist held back, linear", "mm/s", 1e3, 2)
 OFF_DIRECTION_LINEAR = DisplayedQuantity("motion off the direction, linear", "mm/s", 1e3, 2)
 OFF_DIRECTION_ANGULAR = DisplayedQuantity("motion off the direction, angular", "mrad/s", 1e3, 2)
-MULTIPLIER_TASK_LINEAR = DisplayedQuantity("λ task, linear")
-MULTIPLIER_TASK_ANGULAR = DisplayedQuantity("λ task, angular")
-MULTIPLIER_POTENTIAL_LINEAR = DisplayedQuantity("λ potential, linear")
-MULTIPLIER_POTENTIAL_ANGULAR = DisplayedQuantity("λ potential, angular")
+OBSTACLE_CLEARANCE = DisplayedQuantity("clearance to obstacles", "mm", 1e3, 1)
+SELF_CLEARANCE = DisplayedQuantity("clearance between links", "mm", 1e3, 1)
+KINETIC_ENERGY = DisplayedQuantity("kinetic energy of the command", "J", digits=4)
+POTENTIAL = DisplayedQuantity("potential h(q)", "J")
+COMPUTING = DisplayedQuantity("computing time", "ms", 1e3)
+MULTIPLIER_TASK_LINEAR = DisplayedQuantity("λ task, linear", "N s")
+"""The multiplier has one presentation everywhere: its task term is a momentum, its potential term divided by the gain k
+a wrench on the tool. For the unweighted method ``plain`` the task term has no unit."""
+MULTIPLIER_TASK_ANGULAR = DisplayedQuantity("λ task, angular", "N m s")
+MULTIPLIER_POTENTIAL_LINEAR = DisplayedQuantity("λ potential / k, force", "N")
+MULTIPLIER_POTENTIAL_ANGULAR = DisplayedQuantity("λ potential / k, torque", "N m")
+UNWEIGHTED = "plain"
+"""The method without mass weighting."""

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from ik_node.errors import IkNodeError, RecordingError, TrajectoryFileError
 from ik_node.interfaces.clock import NS
 from ik_node.math.types import Array
@@ -16,6 +14,7 @@ from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
 from ik_node.report.ground_truth import GROUND_TRUTH_FILE, GroundTruth, read_ground_truth
 from ik_node.report.metrics import RunMetrics, compute_metrics
+from ik_node.report.recorded_scene import read_obstacles
 from ik_node.report.style import RUN_COLOURS
 from ik_node.report.text import title
 from ik_node.trajectory.pose_file_format import PoseFileFormat
@@ -74,7 +73,7 @@ def read_reported_runs(
             run = load_run(bag)
             if given is not None:
                 _check_overlap(given, run, bag)
-            read.append((run, compute_metrics(run, given or _stored_truth(bag))))
+            read.append((run, compute_metrics(run, given or _stored_truth(bag), obstacles=read_obstacles(bag))))
         except IkNodeError as error:
             raise error if str(bag) in str(error) else RecordingError(f"'{bag}': {error}") from error
     aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _ in read)
@@ -141,29 +140,6 @@ def methods_of(reported: ReportedRun) -> tuple[str, ...]:
     """The method at the start, then those set later."""
     changes = (changed["method"] for _, changed in reported.run.setting_changes if "method" in changed)
     return tuple(dict.fromkeys((reported.metrics.method, *map(str, changes))))
-
-
-def potential_wrench(reported: ReportedRun) -> Array:
-    """The potential term of the multiplier divided by the gain k: a wrench on the tool.
-
-    k is the parameter ``gradient_gain`` at each control step. Where ``null_space_speed`` reduced k, the result is the
-    wrench times that reduction, because the reduced k is not recorded.
-
-    Returns:
-        (k, 6), N and N m; NaN where the gain is 0 or not recorded.
-    """
-    run = reported.run
-    gain = np.full(len(run.times_s), _number(run.settings.get("gradient_gain")))
-    for time_s, changed in run.setting_changes:
-        if "gradient_gain" in changed:
-            gain[run.times_s >= time_s] = _number(changed["gradient_gain"])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = run.multiplier_potential / np.where(gain > 0.0, gain, np.nan)[:, None]
-    return result
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) else np.nan
 
 
 def _stored_truth(bag: Path) -> GroundTruth | None:

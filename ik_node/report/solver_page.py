@@ -1,4 +1,4 @@
-"""Inputs and results of the solver: singular values, task scale s, clearance, twist account, both multipliers."""
+"""Inputs and results of the solver: singular values, scale, clearance, twist account, multipliers and energies."""
 
 from __future__ import annotations
 
@@ -9,34 +9,50 @@ import numpy as np
 
 from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
-from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_values, draw_twist_account
-from ik_node.report.reported_run import ReportedRun, methods_of, potential_wrench, span_of, time_label
-from ik_node.report.style import BLUE, GREEN, VERMILION, decimate, placeholder, run_legend, share_time_axis
+from ik_node.report.curves import (
+    draw_clearance,
+    draw_kinetic_energy,
+    draw_potential,
+    draw_scale,
+    draw_singular_values,
+    draw_twist_account,
+)
+from ik_node.report.extremes import potential_wrench
+from ik_node.report.quantities import UNWEIGHTED
+from ik_node.report.reported_run import ReportedRun, methods_of, span_of, time_label
+from ik_node.report.style import (
+    BLUE,
+    GREEN,
+    VERMILION,
+    decimate,
+    page_heading,
+    placeholder,
+    run_legend,
+    share_time_axis,
+)
 
 AXIS_COLOURS = (VERMILION, GREEN, BLUE)
 """Of x, y and z."""
-UNWEIGHTED = "plain"
-"""The method without mass weighting; its multiplier is no momentum."""
 
 
 def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
     """Draws the page: components of the multiplier for one recording, norms for several."""
-    figure = new_figure(9.2)
-    figure.suptitle(
-        "Singular values, task scale, clearance and multiplier", x=0.03, ha="left", fontsize=13, fontweight="bold"
-    )
+    figure = new_figure(11.2)
+    page_heading(figure, "Singular values, task scale, clearance, multiplier and energies")
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
-    grid = figure.add_gridspec(4, 2, left=0.05, right=0.985, top=0.9, bottom=0.06, hspace=0.32, wspace=0.1)
-    left = [figure.add_subplot(grid[row, 0]) for row in range(4)]
-    right = [figure.add_subplot(grid[row, 1]) for row in range(4)]
+    grid = figure.add_gridspec(5, 2, left=0.05, right=0.985, top=0.92, bottom=0.05, hspace=0.32, wspace=0.1)
+    left = [figure.add_subplot(grid[row, 0]) for row in range(5)]
+    right = [figure.add_subplot(grid[row, 1]) for row in range(5)]
     draw_singular_values(left[0], reported_runs)
     draw_scale(left[1], reported_runs)
     draw_clearance(left[2], reported_runs)
     draw_twist_account(left[3], reported_runs)
+    draw_kinetic_energy(left[4], reported_runs)
+    draw_potential(right[4], reported_runs)
     momenta = [reported.run.multiplier_task for reported in reported_runs]
-    wrenches = [potential_wrench(reported) for reported in reported_runs]
-    potential, frame = "λ potential times 1/k", _frame(reported_runs)
+    wrenches = [potential_wrench(reported.run) for reported in reported_runs]
+    potential, frame = "λ potential / k", _frame(reported_runs)
     for axes, terms, components, label in (
         (right[0], momenta, slice(0, 3), f"λ task, linear {_unit(reported_runs, 'N s')}"),
         (right[1], momenta, slice(3, 6), f"λ task, angular {_unit(reported_runs, 'N m s')}"),

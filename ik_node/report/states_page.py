@@ -1,4 +1,4 @@
-"""Intervals between control steps, age of the targets, hold-ups, and the controller's states with their reasons."""
+"""Control periods, computing times, ages of the targets, hold-ups, and the controller's states with their reasons."""
 
 from __future__ import annotations
 
@@ -7,29 +7,46 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
 from ik_node.report.lateness import hold_ups, target_age_s
 from ik_node.report.reported_run import ReportedRun, span_of, time_label
-from ik_node.report.style import GREY, decimate, page_heading, placeholder, run_legend
-from ik_node.report.timeline import draw_mode_bars, draw_numbers, state_intervals, write_reasons
+from ik_node.report.style import decimate, page_heading, placeholder, run_legend
+from ik_node.report.timeline import draw_mode_bars, draw_numbers, number_of_reason_lines, write_reasons
 
 BINS = 80
 MIN_BIN_WIDTH_MS = 0.02
 REASON_LINES = 36
+PLOTS_IN = (2.1, 1.7, 1.5)
+"""Heights of the rows of plots."""
+LINE_IN = 0.14
+HEADING_IN = 0.75
+GAP_IN = 0.7
+"""Between two rows."""
 LINE_CHARACTERS = 190
 """Of a list of reasons as wide as the page."""
 
 
 def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
     """Draws the page: control periods, ages of the target, hold-ups, mode bars, and the list of reasons."""
-    lines = min(REASON_LINES, 2 + 2 * max(len(state_intervals(reported)) for reported in reported_runs))
-    figure = new_figure(7.4 + 0.1 * lines)
+    width = LINE_CHARACTERS // len(reported_runs) - 2
+    lines = min(REASON_LINES, 2 + max(number_of_reason_lines(reported, width) for reported in reported_runs))
+    bars = 0.32 + 0.2 * len(reported_runs)
+    heights = (*PLOTS_IN, bars, LINE_IN * lines)
+    height = sum(heights) + HEADING_IN + GAP_IN * (len(heights) - 1)
+    figure = new_figure(height)
     page_heading(figure, "Timing and states")
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
-    bars = 0.32 + 0.2 * len(reported_runs)
     rows = figure.add_gridspec(
-        4, 1, height_ratios=(1.5, 1.2, bars, 0.1 * lines), left=0.07, right=0.985, top=0.92, bottom=0.02, hspace=0.36
+        len(heights),
+        1,
+        height_ratios=heights,
+        left=0.07,
+        right=0.985,
+        top=1.0 - HEADING_IN / height,
+        bottom=0.0,
+        hspace=GAP_IN * len(heights) / sum(heights),
     )
     top = rows[0].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
     _histogram(figure.add_subplot(top[0]), reported_runs)
@@ -37,18 +54,21 @@ def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
     middle = rows[1].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
     _hold_ups(figure.add_subplot(middle[0]), reported_runs)
     _target_age(figure.add_subplot(middle[1]), reported_runs)
-    axes = figure.add_subplot(rows[2])
+    third = rows[2].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
+    _computing_histogram(figure.add_subplot(third[0]), reported_runs)
+    _computing(figure.add_subplot(third[1]), reported_runs)
+    axes = figure.add_subplot(rows[3])
     draw_mode_bars(axes, reported_runs, numbered=True)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))
     axes.set_title("Controller; the numbers refer to the reasons below")
     draw_numbers(axes, reported_runs)
-    columns = rows[3].subgridspec(1, len(reported_runs), wspace=0.04)
+    columns = rows[4].subgridspec(1, len(reported_runs), wspace=0.04)
     for index, reported in enumerate(reported_runs):
         reasons = figure.add_subplot(columns[index])
         if len(reported_runs) > 1:
             reasons.set_title(reported.name, color=reported.colour)
-        write_reasons(reasons, reported, lines, LINE_CHARACTERS // len(reported_runs) - 2)
+        write_reasons(reasons, reported, lines, width)
     return figure
 
 
@@ -57,7 +77,7 @@ def _non_empty(span: tuple[float, float]) -> tuple[float, float]:
 
 
 def _histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
-    """Histogram of the control periods; computing times are not recorded."""
+    """Histogram of the control periods."""
     axes.set_title("Control period [ms]; dashed: median")
     periods = [1e3 * np.diff(reported.run.times_s) for reported in reported_runs]
     together = np.concatenate(periods)
@@ -75,9 +95,40 @@ def _histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         axes.axvline(float(np.median(values)), color=reported.colour, linewidth=1.0, linestyle="--")
     axes.set_yscale("log")
     axes.set_ylabel("control steps")
-    axes.annotate(
-        "computing time: not recorded", (0.99, 0.95), xycoords="axes fraction", ha="right", va="top", color=GREY
-    )
+
+
+def _computing_histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Histogram of the computing times, from the call of the controller to the published command."""
+    axes.set_title("Computing time [ms]; dashed: median")
+    known = [(reported, _computing_ms(reported)) for reported in reported_runs]
+    known = [(reported, values[np.isfinite(values)]) for reported, values in known if np.isfinite(values).any()]
+    if not known:
+        placeholder(axes, "not recorded")
+        return
+    edges = np.linspace(0.0, max(float(values.max()) for _, values in known), BINS + 1)
+    for reported, values in known:
+        axes.hist(values, bins=edges, color=reported.colour, linewidth=1.2, histtype="step")
+        axes.axvline(float(np.median(values)), color=reported.colour, linewidth=1.0, linestyle="--")
+    axes.set_yscale("log")
+    axes.set_ylabel("control steps")
+
+
+def _computing(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    axes.set_title("Computing time [ms] over time")
+    known = [reported for reported in reported_runs if np.isfinite(reported.run.computing_s).any()]
+    if not known:
+        placeholder(axes, "not recorded")
+        return
+    for reported in known:
+        axes.plot(*decimate(reported.times_s, _computing_ms(reported)), color=reported.colour, linewidth=0.8)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(*_non_empty(span_of(reported_runs)))
+    axes.set_xlabel(time_label(reported_runs))
+
+
+def _computing_ms(reported: ReportedRun) -> Array:
+    result: Array = 1e3 * reported.run.computing_s
+    return result
 
 
 def _periods(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:

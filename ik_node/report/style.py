@@ -18,15 +18,20 @@ GREY = "#888888"
 BLUE = "#0072b2"
 VERMILION = "#d55e00"
 GREEN = "#009e73"
-RUN_COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+AMBER = "#e69f00"
+"""Where the arm is slowed."""
+RED = "#b5122b"
+"""Where a direction is given up."""
+PURPLE = "#cc79a7"
+RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, AMBER, "#56b4e9")
 """One per recording, reused cyclically."""
 MODE_COLOURS = {
     Mode.WAITING: "#bbbbbb",
     Mode.HOLDING: "#56b4e9",
     Mode.TRACKING: "#009e73",
     Mode.RAMPING: "#f0e442",
-    Mode.PAUSED: "#e69f00",
-    Mode.STOPPED: "#d55e00",
+    Mode.PAUSED: "#cc79a7",
+    Mode.STOPPED: "#555555",
     Mode.FAULT: "#000000",
 }
 STYLE: Any = {
@@ -75,6 +80,19 @@ def placeholder(axes: Any, text: str) -> None:
     axes.annotate(text, (0.5, 0.45), xycoords="axes fraction", ha="center", va="center", color=GREY)
     axes.set_yticks([])
     axes.grid(visible=False)
+
+
+def legend_above(axes: Any, columns: int = 3) -> None:
+    """Shows the legend on the right, above the plot, beside its title."""
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.97),
+        ncols=columns,
+        frameon=False,
+        fontsize=8,
+        handlelength=1.4,
+        columnspacing=1.2,
+    )
 
 
 def page_heading(figure: Any, text: str) -> None:

@@ -23,156 +23,242 @@ class MetricRow(NamedTuple):
     """With its unit."""
     values: tuple[str, ...]
     """In the order of the recordings; NOT_AVAILABLE where a recording lacks it."""
+    explanation: str = ""
+    """What the number means, in one sentence."""
 
 
-_Cell = Callable[[ReportedRun], str]
+class _Metric(NamedTuple):
+    """A row of the table."""
+
+    label: str
+    cell: Callable[[ReportedRun], str]
+    explanation: str
 
 
-def _number(quantity: DisplayedQuantity, value: Callable[[ReportedRun], float]) -> tuple[str, _Cell]:
-    """Label and cell of a value in SI units."""
-    return quantity.label, lambda reported: quantity.text(value(reported))
+def _text(label: str, attribute: str, explanation: str) -> _Metric:
+    """A text or a count: an attribute of the metrics, by its dotted name."""
+    value = attrgetter(attribute)
+    return _Metric(label, lambda reported: str(value(reported.metrics)) or NOT_AVAILABLE, explanation)
 
 
-def _tracking(label: str, digits: int, value: Callable[[TrackingMetrics], float]) -> tuple[str, _Cell]:
-    """Label and cell of a metric that needs a ground truth."""
+def _number(quantity: DisplayedQuantity, attribute: str, explanation: str, label: str = "{}") -> _Metric:
+    """A value in SI units; ``label``: of the row, with the name of the quantity in the braces."""
+    named, value = quantity._replace(name=label.format(quantity.name)), attrgetter(attribute)
+    return _Metric(named.label, lambda reported: quantity.text(value(reported.metrics)), explanation)
+
+
+def _first(label: str, attribute: str, explanation: str) -> _Metric:
+    """The first name of a list of (name, time)."""
+    value = attrgetter(attribute)
+
+    def cell(reported: ReportedRun) -> str:
+        names = value(reported.metrics)
+        return str(names[0][0]) if names else NOT_AVAILABLE
+
+    return _Metric(label, cell, explanation)
+
+
+def _tracking(label: str, digits: int, value: Callable[[TrackingMetrics], float], explanation: str) -> _Metric:
+    """A metric that needs a ground truth."""
     quantity = DisplayedQuantity(label, digits=digits)
 
     def cell(reported: ReportedRun) -> str:
         tracking = reported.metrics.tracking
         return NOT_AVAILABLE if tracking is None else quantity.text(value(tracking))
 
-    return label, cell
+    return _Metric(label, cell, explanation)
 
 
-def _tracking_errors() -> tuple[tuple[str, _Cell], ...]:
-    """RMS and maximum of both errors, settled and over the whole run."""
+_ERRORS = (
+    ("settled", quantities.POSITION_ERROR, quantities.ORIENTATION_ERROR, "Measured tool against the trajectory."),
+    (
+        "reference_to_trajectory",
+        quantities.REFERENCE_POSITION_ERROR,
+        quantities.REFERENCE_ORIENTATION_ERROR,
+        "Part of it: what targets and smoothing did.",
+    ),
+    (
+        "tool_to_reference",
+        quantities.TOOL_POSITION_ERROR,
+        quantities.TOOL_ORIENTATION_ERROR,
+        "Part of it: what control law, limits and timing did.",
+    ),
+    (
+        "overall",
+        quantities.POSITION_ERROR,
+        quantities.ORIENTATION_ERROR,
+        "Measured tool against the trajectory, with the first second.",
+    ),
+)
+
+
+def _tracking_errors() -> tuple[_Metric, ...]:
+    """RMS and maximum of all errors."""
     cells = []
-    for field, quantity in (("position", quantities.POSITION_ERROR), ("orientation", quantities.ORIENTATION_ERROR)):
-        for interval in ("settled", "overall"):
+    for interval, *both, explanation in _ERRORS:
+        for field, quantity in zip(("position", "orientation"), both, strict=True):
             for statistic in ("RMS", "max"):
-                label = f"{quantity.name}, {'settled ' if interval == 'settled' else ''}{statistic} [{quantity.unit}]"
+                when = "from the start, " if interval == "overall" else ""
+                label = f"{quantity.name}, {when}{statistic} [{quantity.unit}]"
                 value = attrgetter(f"{interval}.{field}_{statistic.lower()}_{quantity.unit}")
-                cells.append(_tracking(label, quantity.digits, value))
+                cells.append(_tracking(label, quantity.digits, value, explanation))
     return tuple(cells)
 
 
-def _first_target_s(reported: ReportedRun) -> float:
+def _first_target(reported: ReportedRun) -> str:
     times = reported.run.targets.times_s
-    return float(times[0]) if len(times) else float("nan")
+    return _S.text(float(times[0])) if len(times) else NOT_AVAILABLE
 
 
-def _with(quantity: DisplayedQuantity, name: str) -> DisplayedQuantity:
-    return quantity._replace(name=name.format(quantity.name))
-
-
-def _ages(name: str, value: Callable[[ReportedRun], AgeMetrics]) -> tuple[tuple[str, _Cell], ...]:
+def _ages(name: str, attribute: str, explanation: str) -> tuple[_Metric, ...]:
     """Median, 95th percentile and maximum of an age at the control steps."""
-    labels = ("median", "95th percentile", "max")
-    quantities_ms = [DisplayedQuantity(f"{name}, {label}", "ms", digits=1) for label in labels]
-    return (
-        _number(quantities_ms[0], lambda reported: value(reported).median_ms),
-        _number(quantities_ms[1], lambda reported: value(reported).p95_ms),
-        _number(quantities_ms[2], lambda reported: value(reported).max_ms),
-    )
+    ms, value = DisplayedQuantity(name, "ms", digits=1), attrgetter(attribute)
+
+    def metric(label: str, field: str) -> _Metric:
+        def cell(reported: ReportedRun) -> str:
+            age: AgeMetrics = value(reported.metrics)
+            return ms.text(getattr(age, field))
+
+        return _Metric(f"{name}, {label} [ms]", cell, explanation)
+
+    return metric("median", "median_ms"), metric("95th percentile", "p95_ms"), metric("max", "max_ms")
 
 
 _MS = DisplayedQuantity("control period", "ms")
 _S = DisplayedQuantity("duration", "s", digits=2)
-_CELLS: tuple[tuple[str, _Cell], ...] = (
-    ("robot", lambda reported: reported.metrics.robot),
-    ("method", lambda reported: ", ".join(methods_of(reported)) or NOT_AVAILABLE),
-    ("control law", lambda reported: str(reported.run.settings.get("control_law", NOT_AVAILABLE))),
-    _number(_S, lambda reported: reported.metrics.duration_s),
-    _number(_S._replace(name="first target at", digits=3), _first_target_s),
-    ("targets", lambda reported: str(reported.metrics.targets)),
-    ("targets late", lambda reported: str(reported.metrics.late_targets.late)),
-    ("targets lost", lambda reported: str(reported.metrics.late_targets.lost)),
-    *_ages("age of the target", lambda reported: reported.metrics.late_targets.age),
-    ("control steps", lambda reported: str(reported.metrics.ticks.number)),
-    ("control steps not recorded", lambda reported: str(reported.metrics.ticks.missing)),
-    _number(DisplayedQuantity("rate", "Hz", digits=1), lambda reported: reported.metrics.ticks.rate_hz),
-    _number(_with(_MS, "{}, median"), lambda reported: reported.metrics.ticks.period_median_ms),
-    _number(_with(_MS, "{}, 99th percentile"), lambda reported: reported.metrics.ticks.period_p99_ms),
-    _number(_with(_MS, "{}, max"), lambda reported: reported.metrics.ticks.period_max_ms),
-    ("late control steps", lambda reported: str(reported.metrics.late_steps.late)),
-    ("of these by the machine of the node", lambda reported: str(reported.metrics.late_steps.by_machine)),
-    ("commands held longer than hold_periods", lambda reported: str(reported.metrics.late_steps.held_too_long)),
-    ("hold-ups of the node", lambda reported: str(reported.metrics.late_steps.hold_ups)),
-    _number(_S._replace(name="hold-ups, time"), lambda reported: reported.metrics.late_steps.hold_ups_s),
-    _number(_MS._replace(name="longest hold-up"), lambda reported: reported.metrics.late_steps.hold_up_max_ms),
-    *_ages("age of the joint state", lambda reported: reported.metrics.late_steps.state_age),
-    ("errors against", lambda reported: t.against if (t := reported.metrics.tracking) else NOT_AVAILABLE),
-    ("settled", lambda reported: f"after {t.settle_s:g} s" if (t := reported.metrics.tracking) else NOT_AVAILABLE),
+_TIMES = "Time between two control steps."
+_COMPUTING = DisplayedQuantity("computing time", "ms")
+_COMPUTED = "From the call of the controller until its command was published."
+_TASK = "Term of the multiplier that makes the tool follow the twist: a momentum; without unit for `plain`."
+_GRADIENT = "Term of the multiplier that keeps the potential from moving the tool, divided by the gain k: a wrench."
+_LEFT = "Twist that is not done because a singular direction is given up."
+_METRICS: tuple[_Metric, ...] = (
+    _text("robot", "robot", "Name in example-robot-data, or of the URDF."),
+    _Metric(
+        "method",
+        lambda reported: ", ".join(methods_of(reported)) or NOT_AVAILABLE,
+        "Selects the joint velocity among those with the same tool motion.",
+    ),
+    _Metric(
+        "control law",
+        lambda reported: str(reported.run.settings.get("control_law", NOT_AVAILABLE)),
+        "How the pose error becomes a twist.",
+    ),
+    _text("recorded", "recorded_utc", "First control step."),
+    _Metric(
+        "arm",
+        lambda reported: "simulated" if reported.metrics.simulated else NOT_AVAILABLE,
+        "Named where the joint states are those of a simulated arm.",
+    ),
+    _number(_S, "duration_s", "From the first control step to the last."),
     *_tracking_errors(),
-    _tracking("lag of the position [ms]", 1, lambda tracking: tracking.lag_position_ms),
-    _tracking("lag of the orientation [ms]", 1, lambda tracking: tracking.lag_rotation_ms),
-    _number(_with(quantities.JOINT_SPEED, "top speed"), lambda reported: reported.metrics.speed.part_of_limit),
-    ("top speed, joint", lambda reported: reported.metrics.speed.joint or NOT_AVAILABLE),
-    ("commands not finite", lambda reported: str(reported.metrics.speed.non_finite)),
-    ("commands over a limit", lambda reported: str(reported.metrics.speed.over_limit)),
+    _Metric(
+        "trajectory",
+        lambda reported: t.against if (t := reported.metrics.tracking) else NOT_AVAILABLE,
+        "What the errors are measured against.",
+    ),
+    _Metric(
+        "errors count",
+        lambda reported: f"after {t.settle_s:g} s" if (t := reported.metrics.tracking) else NOT_AVAILABLE,
+        "The errors above leave out the approach to the trajectory.",
+    ),
+    _tracking(
+        "lag of the position [ms]",
+        1,
+        lambda tracking: tracking.lag_position_ms,
+        "Delay that explains most of the error.",
+    ),
+    _tracking(
+        "lag of the orientation [ms]", 1, lambda tracking: tracking.lag_rotation_ms, "The same for the orientation."
+    ),
+    _Metric("first target at [s]", _first_target, "Arrival of the first target pose."),
+    _text("targets", "targets", "Target poses that arrived."),
+    _text("targets late", "late_targets.late", "They came later than a sample period after they were due."),
+    _text("targets lost", "late_targets.lost", "Gaps in the stream, in sample periods."),
+    *_ages("age of the target", "late_targets.age", "Of the newest target at each control step, since its stamp."),
+    _text("control steps", "ticks.number", "Commands that were computed or braked."),
+    _text("control steps not recorded", "ticks.missing", "The recorder was too slow for them."),
+    _number(DisplayedQuantity("rate", "Hz", digits=1), "ticks.rate_hz", "Control steps per second, mean."),
+    _number(_MS, "ticks.period_median_ms", _TIMES, "{}, median"),
+    _number(_MS, "ticks.period_p99_ms", _TIMES, "{}, 99th percentile"),
+    _number(_MS, "ticks.period_max_ms", _TIMES, "{}, max"),
+    _number(_COMPUTING, "computing.median_ms", _COMPUTED, "{}, median"),
+    _number(_COMPUTING, "computing.p99_ms", _COMPUTED, "{}, 99th percentile"),
+    _number(_COMPUTING, "computing.max_ms", _COMPUTED, "{}, max"),
+    _text("late control steps", "late_steps.late", "More than two control periods after the one before."),
+    _text("of these by the machine of the node", "late_steps.by_machine", "The others waited for a late joint state."),
+    _text(
+        "commands held longer than hold_periods", "late_steps.held_too_long", "The arm moved on with an old command."
+    ),
+    _text("hold-ups of the node", "late_steps.hold_ups", "Times over 12 ms in which the computer did not run it."),
+    _number(_S, "late_steps.hold_ups_s", "All of them together.", "hold-ups, time"),
+    _number(_MS, "late_steps.hold_up_max_ms", "The longest one.", "longest hold-up"),
+    *_ages("age of the joint state", "late_steps.state_age", "At the control step, since its stamp."),
+    _number(quantities.JOINT_SPEED, "speed.part_of_limit", "Joint nearest to its velocity limit.", "top speed"),
+    _text("top speed, joint", "speed.joint", "That joint."),
+    _text("commands not finite", "speed.non_finite", "Always 0: the last check before the motors."),
+    _text("commands over a limit", "speed.over_limit", "Beyond a velocity limit."),
     _number(
-        DisplayedQuantity("min distance to a joint limit", "rad (m)"), lambda reported: reported.metrics.margin.least
+        DisplayedQuantity("min distance to a joint limit", "rad (m)"),
+        "margin.least",
+        "Smallest distance of a measured position to a position limit.",
     ),
-    ("joint at that distance", lambda reported: reported.metrics.margin.joint or NOT_AVAILABLE),
-    _number(quantities.SMALLEST_SINGULAR_VALUE, lambda reported: reported.metrics.singularity.least),
+    _text("joint at that distance", "margin.joint", "That joint."),
     _number(
-        _with(quantities.TRUNCATED_LINEAR, "{} max"),
-        lambda reported: reported.metrics.singularity.truncated_linear_max,
+        quantities.SMALLEST_SINGULAR_VALUE,
+        "singularity.least",
+        "Near 0 the tool cannot move in one direction.",
+        "{}, min",
     ),
+    _number(quantities.TRUNCATED_LINEAR, "singularity.truncated_linear_max", _LEFT, "{} max"),
+    _number(quantities.TRUNCATED_ANGULAR, "singularity.truncated_angular_max", _LEFT, "{} max"),
+    _number(_S, "singularity.truncated_s", "Time in which a direction is given up.", "truncated twist, time"),
     _number(
-        _with(quantities.TRUNCATED_ANGULAR, "{} max"),
-        lambda reported: reported.metrics.singularity.truncated_angular_max,
+        quantities.OFF_DIRECTION_LINEAR, "direction.off_linear_max", "Motion that limits force off the path.", "{} max"
     ),
-    _number(_S._replace(name="truncated twist, time"), lambda reported: reported.metrics.singularity.truncated_s),
-    _number(
-        _with(quantities.OFF_DIRECTION_LINEAR, "{} max"),
-        lambda reported: reported.metrics.direction.off_linear_max,
+    _number(quantities.OFF_DIRECTION_ANGULAR, "direction.off_angular_max", "The same for the rotation.", "{} max"),
+    _number(_S, "direction.off_s", "Time in which that is noticeable.", "more than 1 % off the direction, time"),
+    _first("limit that causes it longest", "direction.limits", "That limit."),
+    _number(quantities.HELD_BACK_LINEAR, "direction.held_back_linear_max", "Speed that waits because s < 1.", "{} max"),
+    _number(quantities.SCALE, "scaling.least", "Smallest fraction of the desired twist that is done.", "min {}"),
+    _number(_S, "scaling.slowed_s", "Time in which the arm is slowed.", "time with s < 1"),
+    _first("limit active longest", "scaling.binding", "Also while it does not slow the arm."),
+    _number(quantities.OBSTACLE_CLEARANCE, "obstacle_clearance.least", "Arm to the nearest obstacle.", "{}, min"),
+    _Metric(
+        "nearest obstacle",
+        lambda reported: " and ".join(reported.metrics.obstacle_clearance.pair) or NOT_AVAILABLE,
+        "That pair.",
     ),
-    _number(
-        _with(quantities.OFF_DIRECTION_ANGULAR, "{} max"),
-        lambda reported: reported.metrics.direction.off_angular_max,
+    _number(quantities.SELF_CLEARANCE, "self_clearance.least", "Links of the arm to each other.", "{}, min"),
+    _Metric(
+        "nearest links",
+        lambda reported: " and ".join(reported.metrics.self_clearance.pair) or NOT_AVAILABLE,
+        "That pair.",
     ),
-    _number(
-        _S._replace(name="more than 1 % off the direction, time"), lambda reported: reported.metrics.direction.off_s
+    _number(quantities.KINETIC_ENERGY, "energy.kinetic_mean_j", "1/2 qd' M qd of the commands.", "{}, mean"),
+    _number(quantities.KINETIC_ENERGY, "energy.kinetic_max_j", "The same.", "{}, max"),
+    _text("potential h", "energy.potential", "What the method lowers in the null space."),
+    _number(quantities.POTENTIAL, "energy.potential_first_j", "At the first position.", "{}, at the start"),
+    _number(quantities.POTENTIAL, "energy.potential_last_j", "At the last position.", "{}, at the end"),
+    _number(quantities.MULTIPLIER_TASK_LINEAR, "multiplier.task_linear_max", _TASK, "{}, max"),
+    _number(quantities.MULTIPLIER_TASK_ANGULAR, "multiplier.task_angular_max", _TASK, "{}, max"),
+    _number(quantities.MULTIPLIER_POTENTIAL_LINEAR, "multiplier.potential_linear_max", _GRADIENT, "{}, max"),
+    _number(quantities.MULTIPLIER_POTENTIAL_ANGULAR, "multiplier.potential_angular_max", _GRADIENT, "{}, max"),
+    _text("messages dropped", "dropped", "Left out by the recorder."),
+    _Metric(
+        "recording",
+        lambda reported: "complete" if reported.metrics.complete else "truncated",
+        "Truncated: its writer was ended; ik_repair completes it.",
     ),
-    (
-        "limit that causes it longest",
-        lambda reported: limits[0][0] if (limits := reported.metrics.direction.limits) else NOT_AVAILABLE,
-    ),
-    _number(
-        _with(quantities.HELD_BACK_LINEAR, "{} max"),
-        lambda reported: reported.metrics.direction.held_back_linear_max,
-    ),
-    _number(_with(quantities.SCALE, "min {}"), lambda reported: reported.metrics.scaling.least),
-    _number(_S._replace(name="time with s < 1"), lambda reported: reported.metrics.scaling.slowed_s),
-    ("limit active longest", lambda reported: b[0][0] if (b := reported.metrics.scaling.binding) else NOT_AVAILABLE),
-    _number(_with(quantities.CLEARANCE, "min {}"), lambda reported: reported.metrics.nearness.least),
-    ("closest pair", lambda reported: " and ".join(reported.metrics.nearness.pair) or NOT_AVAILABLE),
-    _number(
-        _with(quantities.MULTIPLIER_TASK_LINEAR, "{} max"),
-        lambda reported: reported.metrics.multiplier.task_linear_max,
-    ),
-    _number(
-        _with(quantities.MULTIPLIER_TASK_ANGULAR, "{} max"),
-        lambda reported: reported.metrics.multiplier.task_angular_max,
-    ),
-    _number(
-        _with(quantities.MULTIPLIER_POTENTIAL_LINEAR, "{} max"),
-        lambda reported: reported.metrics.multiplier.potential_linear_max,
-    ),
-    _number(
-        _with(quantities.MULTIPLIER_POTENTIAL_ANGULAR, "{} max"),
-        lambda reported: reported.metrics.multiplier.potential_angular_max,
-    ),
-    ("messages dropped", lambda reported: str(reported.metrics.dropped)),
-    ("recording", lambda reported: "complete" if reported.metrics.complete else "truncated"),
 )
-"""Label of each row, and the function that gives the text of its cell."""
 
 
 def metric_rows(reported_runs: Sequence[ReportedRun]) -> tuple[MetricRow, ...]:
     """The rows of all metrics that at least one of the recordings has."""
-    table = (MetricRow(label, tuple(cell(reported) for reported in reported_runs)) for label, cell in _CELLS)
+    table = (
+        MetricRow(metric.label, tuple(metric.cell(reported) for reported in reported_runs), metric.explanation)
+        for metric in _METRICS
+    )
     return tuple(row for row in table if any(value != NOT_AVAILABLE for value in row.values))
 
 

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ik_node.interfaces.step import Level, Mode
+from ik_node.math.types import Array
+from ik_node.report.deviation import TRUNCATION
 from ik_node.report.reported_run import ReportedRun
-from ik_node.report.style import MODE_COLOURS, TEXT_COLOUR
+from ik_node.report.style import AMBER, MODE_COLOURS, RED, TEXT_COLOUR
 
 MIN_NUMBER_GAP = 0.013
 """Space that a number on a mode bar needs, as a fraction of the axis."""
+SLOWED, GIVEN_UP = "slowed", "direction given up"
 DARK_TEXT = frozenset({Mode.WAITING, Mode.HOLDING, Mode.RAMPING, Mode.PAUSED})
 """Modes whose colour needs dark text."""
 
@@ -48,9 +54,35 @@ def state_intervals(reported: ReportedRun) -> tuple[StateInterval, ...]:
     )
 
 
+class ConditionSpans(NamedTuple):
+    """(begin, duration), s, on the plots' axis."""
+
+    slowed: list[tuple[float, float]]
+    """s < 1."""
+    given_up: list[tuple[float, float]]
+    """A component of the twist is given up near a singularity."""
+
+
+def condition_spans(reported: ReportedRun) -> ConditionSpans:
+    """Where the arm was slowed, and where a direction was given up."""
+    run = reported.run
+    with np.errstate(invalid="ignore"):
+        slowed = run.scale < 1.0
+        given_up = np.abs(run.truncated_b).max(axis=1, initial=0.0) > TRUNCATION
+    return ConditionSpans(_spans(reported.times_s, slowed), _spans(reported.times_s, given_up))
+
+
+def _spans(times_s: Array, holds: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Begin and duration of the rows that hold; each row lasts until the next one."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
+    ends = [times_s[min(row, len(times_s) - 1)] for row in edges[1::2]]
+    return [(float(times_s[row]), float(end - times_s[row])) for row, end in zip(edges[::2], ends, strict=True)]
+
+
 def draw_mode_bars(axes: Any, reported_runs: Sequence[ReportedRun], numbered: bool = False) -> None:
     """Draws a mode bar per recording with a legend; ``numbered`` leaves room for :func:`draw_numbers`."""
     shown: list[Mode] = []
+    conditions: dict[str, str] = {}
     for row, reported in enumerate(reported_runs):
         for interval in state_intervals(reported):
             shown += [interval.mode] if interval.mode not in shown else []
@@ -60,6 +92,14 @@ def draw_mode_bars(axes: Any, reported_runs: Sequence[ReportedRun], numbered: bo
                 facecolors=MODE_COLOURS[interval.mode],
                 linewidth=0,
             )
+        marks = condition_spans(reported)
+        for spans, colour in ((marks.slowed, AMBER), (marks.given_up, RED)):
+            axes.broken_barh(spans, (row - 0.4, 0.8), facecolors=colour, linewidth=0)
+        conditions |= {
+            name: colour
+            for name, spans, colour in ((SLOWED, marks.slowed, AMBER), (GIVEN_UP, marks.given_up, RED))
+            if spans
+        }
     axes.set_ylim(len(reported_runs) - 0.5, -0.85 if numbered else -0.5)
     axes.set_yticks(range(len(reported_runs)))
     axes.set_yticklabels([reported.name for reported in reported_runs] if len(reported_runs) > 1 else [""], fontsize=8)
@@ -68,7 +108,7 @@ def draw_mode_bars(axes: Any, reported_runs: Sequence[ReportedRun], numbered: bo
         label.set_color(reported.colour)
     axes.grid(visible=False)
     axes.set_title("Controller")
-    _legend(axes, shown)
+    _legend(axes, {mode.value: MODE_COLOURS[mode] for mode in shown} | conditions)
 
 
 def draw_numbers(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
@@ -94,16 +134,26 @@ def draw_numbers(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
             )
 
 
+def number_of_reason_lines(reported: ReportedRun, width: int) -> int:
+    """Lines of :func:`write_reasons` without a limit of their number."""
+    return sum(len(_reason_lines(interval, width)) for interval in state_intervals(reported))
+
+
+def _reason_lines(interval: StateInterval, width: int) -> list[str]:
+    text = f"{interval.number:>3} {interval.begin_s:8.2f} s  {interval.mode.value:<9} {interval.reason}"
+    wrapped = textwrap.wrap(text, width, subsequent_indent=" " * 16, drop_whitespace=True) or [""]
+    wrapped[0] = text[: len(text) - len(text.lstrip())] + wrapped[0].lstrip()
+    return wrapped
+
+
 def write_reasons(axes: Any, reported: ReportedRun, max_lines: int, width: int) -> None:
     """Lists the intervals of one recording as text, the first ones if there are too many."""
     axes.axis("off")
     lines: list[tuple[str, str]] = []
     intervals = state_intervals(reported)
     for interval in intervals:
-        text = f"{interval.number:>3} {interval.begin_s:8.2f} s  {interval.mode.value:<9} {interval.reason}"
         colour = TEXT_COLOUR if interval.level is Level.OK else "#8a3a00"
-        wrapped = textwrap.wrap(text, width, subsequent_indent=" " * 16, drop_whitespace=True) or [""]
-        wrapped[0] = text[: len(text) - len(text.lstrip())] + wrapped[0].lstrip()
+        wrapped = _reason_lines(interval, width)
         if len(lines) + len(wrapped) > max_lines - 1:
             lines.append(
                 (f"... and {len(intervals) - interval.number + 1} more; the HTML report lists all", TEXT_COLOUR)
@@ -123,15 +173,15 @@ def write_reasons(axes: Any, reported: ReportedRun, max_lines: int, width: int) 
         )
 
 
-def _legend(axes: Any, modes: Sequence[Mode]) -> None:
+def _legend(axes: Any, colours: Mapping[str, str]) -> None:
     from matplotlib.patches import Patch
 
-    if modes:
+    if colours:
         axes.legend(
-            handles=[Patch(color=MODE_COLOURS[mode], label=mode.value) for mode in modes],
+            handles=[Patch(color=colour, label=name) for name, colour in colours.items()],
             loc="lower right",
             bbox_to_anchor=(1.0, 0.98),
-            ncols=len(modes),
+            ncols=len(colours),
             frameon=False,
             fontsize=8,
         )

@@ -1,9 +1,13 @@
-"""Tracking errors of the tool against the ground truth at the same time, and the lag."""
+"""Tracking errors of the tool against the ground truth at the same time, their two parts, and the lag.
+
+The error *tool to trajectory* has two parts: *reference to trajectory*, what targets and smoothing did, and *tool to
+reference*, what the control law and the limits did. The reference is the desired pose T_sd of the control steps.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +40,7 @@ class TrackingErrors(NamedTuple):
 
 
 class TrackingMetrics(NamedTuple):
-    """Errors of the measured tool pose against the ground truth at the stamp of the joint state."""
+    """Errors of the measured tool pose against the ground truth at the stamp of the joint state: tool to trajectory."""
 
     against: str
     """Name of the ground truth."""
@@ -45,11 +49,24 @@ class TrackingMetrics(NamedTuple):
     """From ``settle_s`` after the start of the ground truth to its end."""
     overall: TrackingErrors
     """From the start of the ground truth to its end."""
+    reference_to_trajectory: TrackingErrors
+    """Part of the settled error: the desired pose T_sd against the ground truth."""
+    tool_to_reference: TrackingErrors
+    """Part of the settled error: the measured tool pose against T_sd."""
     lag_position_ms: float
     """Delay of the ground truth that minimises the RMS position error; NaN when the ground truth is at rest."""
     lag_rotation_ms: float
     position_rms_without_lag_mm: float
     orientation_rms_without_lag_mrad: float
+
+
+class ErrorSeries(NamedTuple):
+    """Distances of two series of poses; NaN where one of them is unknown."""
+
+    position: Array
+    """(m,), m."""
+    orientation: Array
+    """(m,), rad."""
 
 
 class TrackingSeries(NamedTuple):
@@ -59,12 +76,14 @@ class TrackingSeries(NamedTuple):
     """On the axis of ``Run.times_s``."""
     measured: Poses
     desired: Poses
-    position_error: Array
-    """m."""
-    orientation_error: Array
-    """rad."""
+    """Of the ground truth."""
+    tool_to_trajectory: ErrorSeries
+    reference_to_trajectory: ErrorSeries
+    tool_to_reference: ErrorSeries
     inside: NDArray[np.bool_]
     """(m,), between start and end of the ground truth."""
+    settled: NDArray[np.bool_]
+    """(m,), from ``settle_s`` after the start of the ground truth to its end."""
 
 
 def measured_poses(run: Run) -> tuple[Poses, NDArray[np.int64], Array]:
@@ -75,30 +94,59 @@ def measured_poses(run: Run) -> tuple[Poses, NDArray[np.int64], Array]:
     Returns:
         Poses in the base frame (m rows), their ROS times in ns (m,), and their times on the axis of ``run.times_s``.
     """
-    robot = Robot(run.urdf, run.base_frame, run.tip_frame, run.joints, str(run.settings.get("joint_prefix", "")))
+    rows = _measured_rows(run)
+    return _tool_poses(run, rows), run.state_ros_ns[rows], run.state_times_s[rows]
+
+
+def _measured_rows(run: Run) -> NDArray[np.int64]:
     rows = np.flatnonzero(np.isfinite(run.q).all(axis=1) & np.isfinite(run.state_times_s))
     _, first = np.unique(run.state_ros_ns[rows], return_index=True)
-    rows = rows[first]
-    position, quaternion = np.empty((len(rows), 3)), np.empty((len(rows), 4))
-    for index, row in enumerate(rows.tolist()):
-        pose = robot.pose(np.ascontiguousarray(run.q[row]))
-        position[index], quaternion[index] = pose[:3, 3], se3.quaternion_from_rotation(pose[:3, :3])
-    return Poses(position, quaternion), run.state_ros_ns[rows], run.state_times_s[rows]
+    return np.asarray(rows[first])
+
+
+def _tool_poses(run: Run, rows: NDArray[np.int64]) -> Poses:
+    robot = Robot(run.urdf, run.base_frame, run.tip_frame, run.joints, str(run.settings.get("joint_prefix", "")))
+    return _poses([robot.pose(np.ascontiguousarray(run.q[row])) for row in rows.tolist()])
+
+
+def _poses(matrices: Iterable[Array]) -> Poses:
+    """Poses of homogeneous matrices; those that are not finite become NaN."""
+    position, quaternion = [], []
+    for matrix in matrices:
+        known = bool(np.isfinite(matrix).all())
+        position.append(matrix[:3, 3] if known else np.full(3, np.nan))
+        quaternion.append(se3.quaternion_from_rotation(matrix[:3, :3]) if known else np.full(4, np.nan))
+    return Poses(np.array(position).reshape(-1, 3), np.array(quaternion).reshape(-1, 4))
+
+
+def _distances(first: Poses, second: Poses) -> ErrorSeries:
+    return ErrorSeries(
+        np.linalg.norm(first.position - second.position, axis=1), rotation_angle(first.quaternion, second.quaternion)
+    )
+
+
+def tool_to_reference(run: Run) -> TrackingErrors:
+    """The measured tool pose against the desired pose T_sd, over all control steps that have one."""
+    error = run.error_b[np.isfinite(run.error_b).all(axis=1)]
+    return _errors(ErrorSeries(np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)))
 
 
 def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetrics, TrackingSeries]:
     """Errors and lag of ``run``, with the poses and errors over time."""
-    measured, ros_ns, times = measured_poses(run)
-    desired = truth.at(ros_ns)
+    rows = _measured_rows(run)
+    measured, ros_ns, times = _tool_poses(run, rows), run.state_ros_ns[rows], run.state_times_s[rows]
+    desired, reference = truth.at(ros_ns), _poses(run.pose_sd[rows])
     series = TrackingSeries(
         times,
         measured,
         desired,
-        np.linalg.norm(measured.position - desired.position, axis=1),
-        rotation_angle(measured.quaternion, desired.quaternion),
-        (ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]),
+        tool_to_trajectory=_distances(measured, desired),
+        reference_to_trajectory=_distances(reference, desired),
+        tool_to_reference=_distances(measured, reference),
+        inside=(ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]),
+        settled=(ros_ns - truth.ros_ns[0] >= settle_s * NS) & (ros_ns <= truth.ros_ns[-1]),
     )
-    settled = series.inside & (ros_ns - truth.ros_ns[0] >= settle_s * NS)
+    settled = series.settled
     lag_position, lag_rotation = _lags(measured, ros_ns, truth, np.flatnonzero(settled))
     delayed = [truth.at(ros_ns[settled], 0.0 if math.isnan(lag) else lag) for lag in (lag_position, lag_rotation)]
     remaining_position = np.linalg.norm(measured.position[settled] - delayed[0].position, axis=1)
@@ -106,8 +154,10 @@ def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetr
     tracking = TrackingMetrics(
         against=truth.source,
         settle_s=settle_s,
-        settled=_errors(series, settled),
-        overall=_errors(series, series.inside),
+        settled=_errors(series.tool_to_trajectory, settled),
+        overall=_errors(series.tool_to_trajectory, series.inside),
+        reference_to_trajectory=_errors(series.reference_to_trajectory, settled),
+        tool_to_reference=_errors(series.tool_to_reference, settled),
         lag_position_ms=1e3 * lag_position,
         lag_rotation_ms=1e3 * lag_rotation,
         position_rms_without_lag_mm=1e3 * _rms(remaining_position),
@@ -116,8 +166,9 @@ def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetr
     return tracking, series
 
 
-def _errors(series: TrackingSeries, rows: NDArray[np.bool_]) -> TrackingErrors:
-    position, orientation = series.position_error[rows], series.orientation_error[rows]
+def _errors(series: ErrorSeries, rows: NDArray[np.bool_] | None = None) -> TrackingErrors:
+    counts = np.isfinite(series.position) if rows is None else rows & np.isfinite(series.position)
+    position, orientation = series.position[counts], series.orientation[counts]
     return TrackingErrors(1e3 * _rms(position), 1e3 * _max(position), 1e3 * _rms(orientation), 1e3 * _max(orientation))
 
 

@@ -238,6 +238,11 @@ class Robot:
             motion = motion[np.argsort(self._velocity_index)]
         return float(pin.computeKineticEnergy(self.model, self.data, self._configuration(q), motion))
 
+    def gravitational_energy(self, q: Array) -> float:
+        """Potential energy in the gravity of the model, J, at q (n,), rad (m); 0 at the height of its root."""
+        self._position_key = b""
+        return float(pin.computePotentialEnergy(self.model, self.data, self._configuration(q)))
+
     @property
     def pose_base_root(self) -> Array:
         """Pose of the model's root in the base frame, (4, 4); constant."""

@@ -47,12 +47,13 @@ from ik_node.recording.run_recorder import (
     STEP,
     STEP_TEXTS,
 )
+from ik_node.report.clearances import settings_of
+from ik_node.report.recorded_scene import SceneAt, read_obstacles, scene_history
 from ik_node.robot.reduced_model import frame_id
 from ik_node.robot.robot import Robot
 from ik_node.viewer.layouts import write_layouts
 from ik_node.viewer.meshes import MeshPart
-from ik_node.viewer.open_run import first_scene, load_meshes, settings_of
-from ik_node.viewer.recorded_scene import SceneAt, read_obstacles, scene_history
+from ik_node.viewer.open_run import first_scene, load_meshes
 from ik_node.viewer.timeline import Timeline, timeline_of
 
 TF, TF_STATIC, TF_TYPE = "/tf", "/tf_static", "tf2_msgs/msg/TFMessage"

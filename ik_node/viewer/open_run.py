@@ -11,13 +11,13 @@ from ik_node.collision.scene import Scene, read_scene
 from ik_node.errors import IkNodeError, RobotError
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.metrics import robot_name
+from ik_node.report.clearances import settings_of
+from ik_node.report.recorded_scene import RecordedObstacles, scene_history
+from ik_node.report.run_description import robot_name
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import Settings
 from ik_node.viewer import meshes
 from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.page import PageContent, ViewerPage
-from ik_node.viewer.recorded_scene import RecordedObstacles, scene_history
 from ik_node.viewer.timeline import timeline_of
 
 
@@ -28,7 +28,7 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
         server: viser.ViserServer.
         run: The recorded run.
         name: Path of the recording; its end is shown in the title.
-        obstacles: Result of :func:`~ik_node.viewer.recorded_scene.read_obstacles`; without it, only the obstacles of
+        obstacles: Result of :func:`~ik_node.report.recorded_scene.read_obstacles`; without it, only the obstacles of
             the run's scene file are shown.
 
     Raises:
@@ -57,12 +57,6 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
         notes=notes,
     )
     return ViewerPage(server, content, lambda: timeline)
-
-
-def settings_of(run: Run) -> Settings:
-    """The recorded settings; parameters that do not exist in this version are ignored."""
-    known = Settings().flat()
-    return Settings().with_values({name: value for name, value in run.settings.items() if name in known})
 
 
 def load_meshes(robot: Robot, folders: tuple[str, ...] = ()) -> tuple[tuple[MeshPart, ...], tuple[str, ...]]:

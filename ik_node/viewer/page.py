@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ik_node.math.types import Array
+from ik_node.report.recorded_scene import SceneAt
 from ik_node.robot.robot import Robot
 from ik_node.viewer import status_html
 from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.playback import SPEEDS, Playback
 from ik_node.viewer.plots import AXIS_PX, PlotPanel, plots_for
-from ik_node.viewer.recorded_scene import SceneAt
 from ik_node.viewer.scene_view import HIDDEN_AT_FIRST, LAYERS, SceneView
 from ik_node.viewer.timeline import Timeline
 

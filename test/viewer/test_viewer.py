@@ -36,6 +36,7 @@ from ik_node.messages.decode_obstacles import decode_obstacles
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.run import RecordedTargets, Run
 from ik_node.recording.run_reader import load_run
+from ik_node.report.recorded_scene import ClosestPointQuery, RecordedObstacles, SceneHistory, read_obstacles
 from ik_node.robot import catalogue
 from ik_node.robot.catalogue import robots_folder
 from ik_node.robot.robot import Robot
@@ -44,7 +45,6 @@ from ik_node.viewer import decimation, meshes, status_html
 from ik_node.viewer.open_run import open_run
 from ik_node.viewer.page import ViewerPage
 from ik_node.viewer.playback import Playback
-from ik_node.viewer.recorded_scene import ClosestPointQuery, RecordedObstacles, SceneHistory, read_obstacles
 from ik_node.viewer.server import serve, url_of
 from ik_node.viewer.timeline import TimelineBuffer, timeline_of
 

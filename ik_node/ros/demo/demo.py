@@ -31,6 +31,7 @@ from ik_node.report import (
     ground_truth_from_trajectory,
     write_ground_truth,
 )
+from ik_node.report.recorded_scene import read_obstacles
 from ik_node.report.summary_page import save_summary
 from ik_node.ros.child_process import NodeProcess
 from ik_node.ros.demo.options import ARM_PARAMETERS, SIMULATOR, CheckedRun, DemoOptions
@@ -175,7 +176,7 @@ class Demonstration:
     def _report(self, out: Path, truth: GroundTruth) -> None:
         write_ground_truth(out / GROUND_TRUTH_FILE, truth)
         run = load_run(out / "bag")
-        report = compute_metrics(run, truth, self._trajectory_name())
+        report = compute_metrics(run, truth, self._trajectory_name(), obstacles=read_obstacles(out / "bag"))
         picture = out / "report.png"
         save_summary(run, report, picture)
         (out / "report.json").write_text(as_json(report))

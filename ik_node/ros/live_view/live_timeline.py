@@ -16,11 +16,11 @@ from ik_node.messages import cdr, encode
 from ik_node.messages.decode import decode_joint_state
 from ik_node.messages.decode_obstacles import decode_obstacles
 from ik_node.messages.decode_targets import decode_pose
+from ik_node.report.recorded_scene import ClosestPointQuery, SceneHistory
 from ik_node.robot.robot import Robot
 from ik_node.ros.live_view.listener import LiveViewListener
 from ik_node.settings.groups import Settings
 from ik_node.viewer.open_run import first_scene
-from ik_node.viewer.recorded_scene import ClosestPointQuery, SceneHistory
 from ik_node.viewer.timeline import TimelineBuffer, TimelineFrame
 
 MAX_TARGETS = 2000

@@ -178,14 +178,20 @@ class ClosestPointQuery:
         Returns:
             None if there is no pair, no geometry, or a joint position is NaN.
         """
-        query = self._loaded_query()
+        query = self.distances_at(scene)
         if query is None or not np.isfinite(q).all():
             return None
-        # The poses are those of the current time already: without velocities they are not extrapolated.
-        static = {name: obstacle(name, entry.shape, entry.pose_s) for name, entry in scene.obstacles.items()}
-        query.set_scene(Scene(static), 0)
         closest = query.measure(q, np.zeros(query.pairs))[1]
         return closest if np.isfinite(closest.distance) else None
+
+    def distances_at(self, scene: Scene) -> DistanceQuery | None:
+        """The distance computation with these obstacles at the current time; None if there is no geometry."""
+        query = self._loaded_query()
+        if query is not None:
+            # The poses are those of the current time already: without velocities they are not extrapolated.
+            static = {name: obstacle(name, entry.shape, entry.pose_s) for name, entry in scene.obstacles.items()}
+            query.set_scene(Scene(static), 0)
+        return query
 
     def _loaded_query(self) -> DistanceQuery | None:
         if self._query is None and not self.unavailable:

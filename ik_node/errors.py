@@ -85,10 +85,15 @@ class RobotError(IkNodeError, ValueError):
 class UnknownNameError(RobotError):
     """No robot, joint, frame or method has this name; the message lists the names that exist."""
 
-    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
-        """Store ``kind`` ("robot", "joint", ...) and ``name``; ``valid`` are the names that exist."""
-        listed = ", ".join(sorted(valid)) or "none"
-        super().__init__(f"unknown {kind} '{name}'; valid: {listed}")
+    def __init__(self, kind: str, name: str, valid: Iterable[str], configured: Iterable[str] = ()) -> None:
+        """Store ``kind`` ("robot", "joint", ...) and ``name``; list ``valid``, the names that exist.
+
+        ``configured`` are those of them that are listed first.
+        """
+        first = sorted(configured)
+        listed = ", ".join(sorted(set(valid) - set(first))) or "none"
+        known = f"{', '.join(first)} (configured); {listed}" if first else listed
+        super().__init__(f"unknown {kind} '{name}'; valid: {known}")
         self.kind = kind
         self.name = name
 

@@ -137,10 +137,9 @@ def _load(options: argparse.Namespace) -> Robot:
     from ik_node.robot.robot import Robot
 
     if options.urdf is not None:
-        try:
-            return Robot(options.urdf.read_text(), options.base, options.tip)
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"--urdf cannot be read: {error}") from error
+        if options.robot is not None:
+            raise InputError("--robot and --urdf exclude each other; expected one of them")
+        return Robot(catalogue.read_file(options.urdf), options.base, options.tip)
     if options.robot is None:
         raise InputError(f"--robot is missing; or give --urdf, or --example {' or '.join(EXAMPLES)}")
     arm = catalogue.find(options.robot)
@@ -158,8 +157,7 @@ def _robot(options: argparse.Namespace) -> int:
     for fault in robot.limit_faults:
         print(f"warning: {fault.text}; taken as none", file=sys.stderr)
     if options.urdf is not None and not options.tip:
-        used = f"'{robot.tip_frame}', the end of the longest chain, is used, and its last joint is '{robot.joints[-1]}'"
-        print(f"warning: --tip is missing: {used}", file=sys.stderr)
+        print(f"warning: --tip is missing: {robot.default_tip_text}", file=sys.stderr)
     pose_sd = _target(options.target)
     seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
     eps_omega, eps_v = _accuracies(options, 1e-6, 1e-6)
@@ -177,7 +175,7 @@ def _robot(options: argparse.Namespace) -> int:
     else:
         solution = solver.solve(pose_sd, seed, restarts=options.restarts)
     about: dict[str, Any] = {
-        "robot": options.robot or str(options.urdf),
+        "robot": options.robot or robot.name,
         "base_frame": robot.base_frame,
         "tip_frame": robot.tip_frame,
         "joints": list(robot.joints),

@@ -155,7 +155,7 @@ def run_setup(
     limits = motion_limits(robot, settings.limits, settings.control.rate_hz)
     return RunSetup(
         node=node,
-        robot_name=settings.arm.robot,
+        robot_name="" if settings.arm.robot_description else settings.arm.robot,
         urdf=robot.urdf,
         joints=robot.joints,
         base_frame=robot.base_frame,

@@ -25,8 +25,9 @@ from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_li
 from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
 from ik_node.report.lateness import LateStepMetrics, LateTargetMetrics, late_steps, late_targets
 from ik_node.report.recorded_scene import RecordedObstacles
-from ik_node.report.run_description import recording_date, robot_name
+from ik_node.report.run_description import recording_date
 from ik_node.report.tracking import TrackingErrors, TrackingMetrics, TrackingSeries, compare, tool_to_reference
+from ik_node.robot.description import robot_name
 from ik_node.robot.robot import Robot
 
 SETTLE_S = 1.0

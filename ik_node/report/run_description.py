@@ -12,12 +12,6 @@ MIN_DATE_NS = 1_000_000_000 * NS
 """ROS times before 2001 are those of a simulation."""
 
 
-def robot_name(urdf: str) -> str:
-    """Value of the attribute ``name`` of a URDF's robot element; ``robot`` if there is none."""
-    found = re.search(r"<robot\b[^>]*\bname\s*=\s*[\"']([^\"']*)", urdf)
-    return found.group(1) if found else "robot"
-
-
 def recording_date(ros_ns: int) -> str:
     """Date and time in UTC; empty for a time that is not one since 1970, as in a simulation."""
     if ros_ns < MIN_DATE_NS:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ik_node.errors import RobotError, UnknownNameError
+from ik_node.robot.description import MAX_CHARACTERS
 from ik_node.robot.robot import Robot
 from ik_node.robot.tool import with_tool
 from ik_node.settings.groups import ArmSettings
@@ -84,13 +85,33 @@ def find(name: str) -> CatalogueEntry:
     root = robots_folder()
     files = {path.stem: str(path.relative_to(root)) for path in sorted(root.rglob("*.urdf"))}
     if name not in files:
-        raise UnknownNameError("robot", name, {*ARMS, *files})
+        raise UnknownNameError("robot", name, {*ARMS, *files}, ARMS)
     return CatalogueEntry(files[name], "", "")
 
 
 def read_urdf(arm: CatalogueEntry) -> str:
     """Text of the URDF of ``arm``."""
     return (robots_folder() / arm.urdf).read_text()
+
+
+def read_file(path: str | Path) -> str:
+    """Text of a URDF file.
+
+    Args:
+        path: The file; ``~`` is the user's home.
+
+    Raises:
+        RobotError: The file cannot be read, is too large, or is no text; names it.
+    """
+    try:
+        with Path(path).expanduser().open("rb") as file:
+            data = file.read(MAX_CHARACTERS + 1)
+        if len(data) > MAX_CHARACTERS:
+            raise ValueError(f"it has more than {MAX_CHARACTERS} bytes")
+        return data.decode()
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: ~ of an unknown user
+        reason = getattr(error, "strerror", None) or str(error)
+        raise RobotError(f"URDF file '{path}' cannot be read: {reason}") from error
 
 
 def load_robot(
@@ -118,12 +139,11 @@ def load_robot(
         return Robot(text, base_frame, tip_frame, tuple(joints), joint_prefix)
     if isinstance(source, Path) or "/" in text or text.endswith((".urdf", ".xml")):
         try:
-            urdf = Path(text).expanduser().read_text()
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
+            urdf = read_file(text)
+        except RobotError as error:
             names = ", ".join(sorted(ARMS))
             raise RobotError(
-                f"URDF file '{text}' cannot be read: {reason}; valid: path of a URDF file, URDF text, "
+                f"{error}; valid: path of a URDF file, URDF text, "
                 f"or the name of a robot in example-robot-data ({names}, ...)"
             ) from error
         return Robot(urdf, base_frame, tip_frame, tuple(joints), joint_prefix)
@@ -137,7 +157,8 @@ def robot_from_settings(arm: ArmSettings, described: str = "") -> Robot:
     """Loads the robot that the settings select.
 
     Args:
-        arm: Settings. ``robot_description`` takes precedence over ``robot``, and both over ``described``.
+        arm: Settings. ``robot_description``, text or path, takes precedence over ``robot``, and both over
+            ``described``.
         described: URDF from the topic robot_description, or empty.
 
     Returns:
@@ -149,6 +170,8 @@ def robot_from_settings(arm: ArmSettings, described: str = "") -> Robot:
         InputError: ``tool_offset`` is not a pose.
     """
     urdf, base_frame, tip_frame = arm.robot_description or described, arm.base_frame, arm.tip_frame
+    if urdf.strip() and "<" not in urdf:
+        urdf = read_file(urdf)
     if arm.robot and not arm.robot_description:
         entry = find(arm.robot)
         urdf = read_urdf(entry)

@@ -15,6 +15,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from html import unescape
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -42,6 +43,7 @@ _NUMERIC = frozenset(
 """Attributes of links and joints whose values are numbers."""
 _UNLIMITED = frozenset(("limit", "safety_controller", "dynamics"))
 """Elements whose numbers may exceed ``MAX_NUMBER``, because exporters write huge limits for none."""
+_NAME = re.compile(r"<(?:\w+:)?robot\b[^>]*\bname\s*=\s*[\"']([^\"']*)")
 _DECLARATION = re.compile(r"\A\s*<\?xml\b[^>]*\?>")
 
 
@@ -70,6 +72,12 @@ class Description(NamedTuple):
     """Mass of all links by name, kg; 0 without <inertial>."""
     mimics: Mapping[str, Mimic]
     """Mimic joints by name."""
+
+
+def robot_name(urdf: str) -> str:
+    """Value of the attribute ``name`` of a URDF's robot element; ``robot`` if there is none."""
+    found = _NAME.search(urdf)
+    return (found and unescape(found.group(1)).strip()) or "robot"
 
 
 def read_description(urdf: str) -> Description:

@@ -114,14 +114,6 @@ def frame_id(model: Any, name: str) -> int:
     raise UnknownNameError("frame", name, {frame.name for frame in model.frames if frame.type in kinds})
 
 
-def longest_chain_tip(model: Any) -> str:
-    """Name of the last body of the first longest chain of movable joints."""
-    depth = max(len(model.supports[frame.parentJoint]) for frame in model.frames)
-    deepest = [frame for frame in model.frames if len(model.supports[frame.parentJoint]) == depth]
-    bodies: list[Any] = [f for f in deepest if f.type == pin.FrameType.BODY and f.parentJoint == deepest[0].parentJoint]
-    return str(bodies[-1].name)
-
-
 def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: Mapping[str, Mimic]) -> tuple[str, ...]:
     """Names of the controlled joints; raises RobotError or UnknownNameError naming what cannot be controlled."""
     base_joint = model.frames[frame_id(model, base)].parentJoint

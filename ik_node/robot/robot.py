@@ -22,11 +22,12 @@ from ik_node.errors import RobotError
 from ik_node.jit import compiled
 from ik_node.math.angles import joint_differences
 from ik_node.math.types import Array
-from ik_node.robot.description import read_description
+from ik_node.robot.default_tip import DefaultTip, default_tip
+from ik_node.robot.description import read_description, robot_name
 from ik_node.robot.joint_limits import limit_faults, urdf_limits
 from ik_node.robot.kinematics import Dynamics, JointLimits, Kinematics
 from ik_node.robot.mimic import master_range, mimic_map
-from ik_node.robot.reduced_model import frame_id, held_at, longest_chain_tip, read, reduced, root_frame, select, strip
+from ik_node.robot.reduced_model import frame_id, held_at, read, reduced, root_frame, select, strip
 
 GRAVITY = 9.81
 """Gravitational acceleration along -z of the model's root, m/s2 (Pinocchio's default)."""
@@ -46,7 +47,7 @@ class Robot:
         Args:
             urdf: Text of the URDF; its meshes are not needed.
             base_frame: Frame {s}; default: the root of the model.
-            tip_frame: Tool frame {b}; default: the end of the longest chain.
+            tip_frame: Tool frame {b}; default: the end of the longest chain, without the joints of a gripper.
             joints: Controlled joints in order; default: every movable joint between base and tip in chain order, with
                 the masters of mimic joints.
             joint_prefix: Prefix of the names in :attr:`joints`.
@@ -60,9 +61,10 @@ class Robot:
         full = read(self.description)
         self.base_frame = base_frame or root_frame(full)
         frame_id(full, self.base_frame)
-        self.tip_frame = tip_frame or longest_chain_tip(full)
-        wanted = tuple(strip(name, joint_prefix) for name in joints)
         mimics = self.description.mimics
+        self.tip_frame, self.gripper = DefaultTip(tip_frame, ()) if tip_frame else default_tip(full, mimics)
+        """Joints of the URDF that are left out as a gripper's, where no tool frame is given."""
+        wanted = tuple(strip(name, joint_prefix) for name in joints)
         model_joints = select(full, self.base_frame, self.tip_frame, wanted, mimics)
         names = list(full.names)[1:]
         self._followers = {
@@ -112,6 +114,17 @@ class Robot:
             {name: self.description.joints[model] for name, model in zip(self.joints, model_joints, strict=True)}
         )
         """Limits of the URDF that cannot be meant; infinite in :attr:`limits`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the robot in the URDF; ``robot`` if there is none."""
+        return robot_name(self.urdf)
+
+    @property
+    def default_tip_text(self) -> str:
+        """Which tool frame is used because none is given, and which joints are left out as those of a gripper."""
+        text = f"'{self.tip_frame}', the end of the longest chain, is used, and its last joint is '{self.joints[-1]}'"
+        return f"{text}; left out as a gripper's: {', '.join(self.gripper)}" if self.gripper else text
 
     @property
     def n(self) -> int:

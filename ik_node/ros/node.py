@@ -117,9 +117,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._inputs = [self._subscribe(kind) for kind in INPUTS]
         joints = ", ".join(robot.joints)
         self.get_logger().info(f"configured: {robot.base_frame} -> {robot.tip_frame}, joints {joints}")
-        if not (settings.arm.tip_frame or settings.arm.robot):  # a gripper may end the longest chain
-            used = f"'{robot.tip_frame}', the end of the longest chain, is used; its last joint is {robot.joints[-1]}"
-            self.get_logger().warning(f"tip_frame is not set: {used}")
+        if not (settings.arm.tip_frame or settings.arm.robot):
+            self.get_logger().warning(f"tip_frame is not set: {robot.default_tip_text}")
         self.get_logger().info(controller.collision_monitor.pairs)
         return TransitionCallbackReturn.SUCCESS
 

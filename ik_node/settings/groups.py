@@ -36,12 +36,14 @@ class ArmSettings(Group):
     )
     robot_description: str = setting(
         "",
-        "URDF as text; if this and `robot` are empty, the node waits for the topic robot_description.",
+        "URDF, as text or as path of a file; if this and `robot` are empty, the node waits for the topic.",
         read_only=True,
     )
     base_frame: str = setting("", "Frame {s} in which poses are given; default: the root of the model.", read_only=True)
     tip_frame: str = setting(
-        "", "Tool frame {b}; default: the robot's usual tool frame, else the end of the longest chain.", read_only=True
+        "",
+        "Tool frame {b}; default: the robot's usual one, else the end of the longest chain without a gripper.",
+        read_only=True,
     )
     tool_offset: tuple[float, ...] = setting(
         (), "Pose of the tool point in tip_frame: x y z qx qy qz qw; default: tip_frame itself.", "m", read_only=True

@@ -13,7 +13,6 @@ from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.clearances import settings_of
 from ik_node.report.recorded_scene import RecordedObstacles, scene_history
-from ik_node.report.run_description import robot_name
 from ik_node.robot.robot import Robot
 from ik_node.viewer import meshes
 from ik_node.viewer.meshes import MeshPart
@@ -47,7 +46,7 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
         notes += ("This recording is truncated; ik_repair completes it.",)
     targets, timeline = _targets(run), timeline_of(run)
     content = PageContent(
-        title=", ".join(filter(None, (run.robot or robot_name(run.urdf), "/".join(Path(name).parts[-2:])))),
+        title=", ".join(filter(None, (run.robot or robot.name, "/".join(Path(name).parts[-2:])))),
         robot=robot,
         parts=parts,
         velocity_limits=run.velocity_limits,

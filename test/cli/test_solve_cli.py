@@ -138,7 +138,7 @@ def test_negative_and_exponent_numbers(capsys: pytest.CaptureFixture[str]) -> No
         (["--robot", "panda", "--target", POSE, "--eps-v", "-1"], "eps_v is -1.0"),
         (["--robot", "panda", "--target", POSE, "--restarts", "-1"], "restarts is -1"),
         (["--robot", "panda", "--target", POSE, "--max-iterations", "0"], "max_iterations is 0"),
-        (["--urdf", "/no/such/file", "--target", POSE], "--urdf cannot be read"),
+        (["--urdf", "/no/such/file", "--target", POSE], "URDF file '/no/such/file' cannot be read"),
         (["--example", "2r", "--seed", "1"], "--seed has shape (1,), expected (2,)"),
         (["--example", "2r", "--plot", "/no/such/folder/x.png"], "the picture cannot be written"),
     ],

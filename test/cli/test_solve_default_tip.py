@@ -16,8 +16,8 @@ def test_a_tip_that_was_not_chosen_is_named(tmp_path: Path, capsys: pytest.Captu
     path = tmp_path / "arm.urdf"
     path.write_text(catalogue.read_urdf(catalogue.find("panda")))
     main(["--urdf", str(path), "--target", POSE])
-    assert "warning: --tip is missing: 'panda_leftfinger'" in (said := capsys.readouterr().err)
-    assert "its last joint is 'panda_finger_joint1'" in said
+    assert "warning: --tip is missing: 'panda_hand_tcp'" in (said := capsys.readouterr().err)
+    assert "its last joint is 'panda_joint7'; left out as a gripper's: panda_finger_joint1" in said
     main(["--urdf", str(path), "--tip", "panda_hand_tcp", "--target", POSE])
     assert "warning" not in capsys.readouterr().err
 
@@ -26,4 +26,4 @@ def test_a_file_that_is_not_text(tmp_path: Path, capsys: pytest.CaptureFixture[s
     path = tmp_path / "arm.urdf"
     path.write_bytes(b"\xff\xfe<robot/>")
     assert main(["--urdf", str(path), "--target", POSE]) == 2
-    assert "--urdf cannot be read" in capsys.readouterr().err
+    assert "arm.urdf' cannot be read" in capsys.readouterr().err

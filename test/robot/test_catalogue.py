@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import PROJECT
 
 from ik_node.errors import RobotError, UnknownNameError
 from ik_node.robot import catalogue
 from ik_node.robot.catalogue import load_robot
 from ik_node.robot.joint_limits import urdf_limits
+from ik_node.settings.groups import ArmSettings
 
 URDF = catalogue.read_urdf(catalogue.find("panda"))
 
@@ -34,7 +36,7 @@ def test_frames_and_joints_can_be_selected() -> None:
 @pytest.mark.parametrize(
     ("source", "error", "text"),
     [
-        ("pandora", UnknownNameError, r"unknown robot 'pandora'; valid: .*panda"),
+        ("pandora", UnknownNameError, r"unknown robot 'pandora'; valid: kinova, .*xarm7, z1 \(configured\); .*a1, "),
         ("nowhere/arm.urdf", RobotError, r"nowhere/arm.urdf' cannot be read: No such file.*valid: .*panda"),
         (Path("arm"), RobotError, r"'arm' cannot be read: No such file"),
         ("<robot/>", RobotError, "not a valid URDF"),
@@ -50,3 +52,22 @@ def test_a_limit_of_zero_in_a_urdf_is_no_limit() -> None:
     assert limits.lower.tolist() == [-1.0, -np.inf, -np.inf]
     assert limits.upper.tolist() == [1.0, np.inf, np.inf]
     assert limits.velocity.tolist() == [2.0, np.inf, np.inf]
+
+
+def test_the_configured_robots_are_those_with_a_parameter_file() -> None:
+    assert {path.stem for path in (PROJECT / "config").glob("*.yaml")} == catalogue.ARMS.keys()
+
+
+def test_a_description_may_be_the_path_of_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "my arm.urdf"
+    file.write_text(URDF)
+    robot = catalogue.robot_from_settings(ArmSettings(robot_description=str(file)))
+    assert (robot.name, robot.tip_frame, robot.n) == ("panda", "panda_hand_tcp", 7)
+    for wrong, reason in ((tmp_path, "Is a directory"), (tmp_path / "absent", "No such file"), (__file__, "not XML")):
+        with pytest.raises(RobotError, match=reason):
+            catalogue.robot_from_settings(ArmSettings(robot_description=str(wrong)))
+
+
+def test_an_endless_file_is_no_urdf() -> None:
+    with pytest.raises(RobotError, match="more than 2000000 bytes"):
+        catalogue.read_file("/dev/zero")

@@ -107,7 +107,7 @@ def _page(server: Any, node: LiveViewListener, timeline: LiveTimeline, settings:
     robot = timeline.robot
     parts, notes = load_meshes(robot, settings.obstacles.package_path)
     content = PageContent(
-        title=f"{settings.arm.robot or robot.tip_frame}, live from {node.watched}",
+        title=f"{settings.arm.robot or robot.name}, live from {node.watched}",
         robot=robot,
         parts=parts,
         velocity_limits=motion_limits(robot, settings.limits, settings.control.rate_hz).velocity,

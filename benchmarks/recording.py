@@ -130,7 +130,7 @@ def kills(folder: Path, count: int) -> dict[str, Any]:
     """Kill the node at random times while it records a simulated arm at 500 Hz; repair and replay the recordings."""
     draw = random.Random(1)
     losses, repaired = [], 0
-    arm = ["--ros-args", "-p", "robot:=panda", "-p", "rate_hz:=500.0", "-r", "commands:=/ik_node/commands"]
+    arm = ["--ros-args", "-p", "robot:=panda", "-p", "rate_hz:=500.0"]
     start = "[0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398]"
     with _process("ik_node.cli.simulator", [*arm, "-p", f"initial_position:={start}"], folder / "simulator.log"):
         for number in range(count):

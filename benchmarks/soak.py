@@ -86,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         config = ["--params-file", str(resources.config_file("panda.yaml"))]
         record = ["recording.enabled:=true", f"recording.directory:={folder / 'bag'}", rate]
         given = {
-            "simulator": [*config, "-p", rate, "-r", "commands:=/ik_node/commands"],
+            "simulator": [*config, "-p", rate],
             "watchdog": [],
             "node": [*config, *(part for value in record for part in ("-p", value))],
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -24,17 +25,32 @@ MAX_TARGET_RATE_HZ = 2000.0
 SHAPES = ("figure_of_eight", "circle", "line", "hold")
 """Keys of :data:`ik_node.trajectory.shapes.SHAPES`, which would load NumPy and numba; a test compares them."""
 
+EPILOG = """\
+examples:
+  ik_demo --robot ur5 --target-rate 500 --out my_run
+  ik_demo --urdf my_arm.urdf                         an arm of your own; ik_config my_arm.urdf prints its parameters
+  ik_demo --config my_arm.yaml --trajectory circle
+  ik_demo --trajectory poses.csv --units mm          a file of poses
+
+exit code: 0 done; 1 a process failed; 2 an argument or file cannot be used, nothing was started; 130 ended by Ctrl-C
+"""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="ik_demo",
         description=__doc__,
-        epilog="Exit code 0: done; 1: a process failed; 2: an argument or file cannot be used, nothing was started; "
-        "130: ended by Ctrl-C.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("--robot", help="name in example-robot-data [that of --config, else panda]")
-    result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml]")
+    result.add_argument(
+        "--urdf", type=Path, help="URDF file of an arm, instead of --robot; ik_config prints its parameters"
+    )
+    result.add_argument("--base", help="frame {s} of the targets [as configured, else the root of the model]")
+    result.add_argument("--tip", help="tool frame {b} [as configured, else the end of the arm, without a gripper]")
+    result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml, or made from --urdf]")
     result.add_argument("--method", choices=METHOD_NAMES, help="method that resolves redundancy [as configured]")
     result.add_argument(
         "--trajectory", default=SHAPES[0], help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]"
@@ -69,6 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         demonstration = Demonstration(options_of_run)
         code = FAILED
         return demonstration.run()
+    except SettingsError as error:  # also a folder that cannot be created
+        print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return code
@@ -82,14 +101,22 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
     for name, flag, value in (
         ("method", "--method", options.method),
         ("rate_hz", "--rate", options.rate),
-        ("obstacles.scene", "--scene", options.scene and options.scene.resolve()),
+        ("obstacles.scene", "--scene", options.scene and json.dumps(str(options.scene.resolve()))),
         ("robot", "--robot", options.robot),
+        ("base_frame", "--base", options.base),
+        ("tip_frame", "--tip", options.tip),
+        ("robot_description", "--urdf", options.config and options.urdf and json.dumps(str(options.urdf.absolute()))),
     ):
         if value is not None:
             double = [each for each in options.set if each.partition("=")[0] == name]
             if double:
                 raise SettingsError(f"{flag} and --set {double[0]} set the same; expected one of them")
             assignments.append(f"{name}={value}")
+    if options.urdf is not None:
+        others = [flag for flag, value in (("--robot", options.robot),) if value is not None]
+        others += [f"--set {each}" for each in options.set if each.partition("=")[0] in ("robot", "robot_description")]
+        if others:
+            raise SettingsError(f"--urdf and {others[0]} exclude each other; expected one of them")
     file_format = format_from(options)
     if options.trajectory in SHAPES:
         refuse_given(file_format, f"'{options.trajectory}' is no file of poses")
@@ -97,6 +124,7 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
         raise SettingsError(f"--target-rate is {options.target_rate:g}; valid: above 0 to {MAX_TARGET_RATE_HZ:g} Hz")
     return DemoOptions(
         config=options.config,
+        urdf=options.urdf,
         overrides=checked_overrides(assignments),
         trajectory=options.trajectory,
         file_format=file_format,

@@ -1,6 +1,7 @@
 """Run a simulated robot arm as a ROS 2 node.
 
-It has the topics of a forward_command_controller (velocity) and of a joint_state_broadcaster.
+It behaves as ros2_control with a forward_command_controller (velocity) and a joint_state_broadcaster, and subscribes
+where ik_node publishes.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ from ik_node.cli import ros_arguments
 from ik_node.cli.entry import command_line
 
 EPILOG = """\
-topics:
-  commands              std_msgs/Float64MultiArray, subscribed: joint velocities, rad/s (m/s)
+topics (in the namespace of the simulator):
+  ik_node/commands      std_msgs/Float64MultiArray, subscribed: joint velocities, rad/s (m/s)
   joint_states          sensor_msgs/JointState, published at rate_hz
   robot_description     std_msgs/String, published once, transient local
 
 parameters (read at the start):
   robot                 name in example-robot-data [panda]
-  robot_description     URDF as text, instead of robot
+  robot_description     URDF, as text or as path of a file, instead of robot
   base_frame, tip_frame, joint_prefix
                         as for ik_node
   rate_hz               rate of the joint states, Hz [500]
@@ -32,8 +33,9 @@ parameters (read at the start):
   dropout               fraction of joint states that are not published [0]
   seed                  seed of noise and dropouts [0]
 
-example:
-  ik_simulator --ros-args --params-file config/panda.yaml -r commands:=/ik_node/commands
+examples:
+  ik_simulator --ros-args --params-file config/panda.yaml
+  ik_simulator --ros-args -p robot_description:=my_arm.urdf -r ik_node/commands:=/my_controller/commands
 
 exit code: 0 after SIGINT or SIGTERM, 1 for an invalid parameter or a robot that cannot be loaded, 2 for an unknown
 option

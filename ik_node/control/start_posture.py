@@ -50,10 +50,15 @@ class StartPosture(NamedTuple):
     def describe(self, joints: tuple[str, ...]) -> str:
         """One line for the log."""
         listed = ", ".join(f"{name} {value:.3f}" for name, value in zip(joints, self.position.tolist(), strict=True))
+        return f"start posture chosen, none is configured: {listed} ({self.measures})"
+
+    @property
+    def measures(self) -> str:
+        """Why the posture was chosen."""
         clearance = "" if np.isinf(self.clearance_m) else f", {1e3 * self.clearance_m:.0f} mm clearance"
         return (
-            f"start posture chosen, none is configured: {listed} (smallest singular value {self.singular_value:.3f} m"
-            f"{clearance}, at least {100.0 * LIMIT_MARGIN:.0f} % of each range from the limits)"
+            f"smallest singular value {self.singular_value:.3f} m{clearance}, "
+            f"at least {100.0 * LIMIT_MARGIN:.0f} % of each range from the limits"
         )
 
 

@@ -111,7 +111,8 @@ def frame_id(model: Any, name: str) -> int:
     for kind in kinds:
         if model.existFrame(name, kind):
             return int(model.getFrameId(name, kind))
-    raise UnknownNameError("frame", name, {frame.name for frame in model.frames if frame.type in kinds})
+    names = {frame.name for frame in model.frames if frame.type in kinds} - {"universe"}
+    raise UnknownNameError("frame", name, names)
 
 
 def select(model: Any, base: str, tip: str, requested: tuple[str, ...], mimics: Mapping[str, Mimic]) -> tuple[str, ...]:

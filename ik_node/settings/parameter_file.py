@@ -32,16 +32,26 @@ def read_settings(path: Path, node: str = "ik_node") -> Settings:
         SettingsError: The file has no section for the node, a name is unknown, a value is invalid, or a parameter
             belongs to an earlier version.
     """
-    sections = read_sections(path)
-    used = [values for name, values in sections.items() if addresses(name, node)]
-    if not used:
+    return settings_of(path, read_sections(path), node)
+
+
+def settings_of(path: Path, sections: dict[str, dict[str, Any]], node: str = "ik_node") -> Settings:
+    """As :func:`read_settings`, of sections that were read from ``path``."""
+    values = values_of(sections, node)
+    if values is None:
         raise SettingsError(no_section_text(path, node, sections))
-    values = {name: value for section in used for name, value in section.items()}
-    own = {name: value for name, value in values.items() if name not in NODE_NAMES and not is_ros_name(name)}
+    own = {name: value for name, value in values.items() if name not in NODE_NAMES}
     try:
         return Settings().with_values(own)
     except SettingsError as error:
         raise SettingsError(f"'{path}': {error}") from error
+
+
+def values_of(sections: dict[str, dict[str, Any]], node: str) -> dict[str, Any] | None:
+    """Parameters of a node, without those of ROS itself; None if no section is for it."""
+    used = [values for name, values in sections.items() if addresses(name, node)]
+    joined = {name: value for section in used for name, value in section.items() if not is_ros_name(name)}
+    return joined if used else None
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
@@ -56,7 +66,11 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     Raises:
         SettingsError: The file cannot be read, or has no parameters.
     """
-    text = read_text(path)
+    return sections_in(read_text(path), path)
+
+
+def sections_in(text: str, path: Path) -> dict[str, dict[str, Any]]:
+    """As :func:`read_sections`, in a text that is or will be the file ``path``."""
     found: dict[str, dict[str, Any]] = {}
     try:
         _collect(load_yaml(text), "", found)

@@ -29,6 +29,12 @@ def environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "turns.csv").write_text(POSES.replace("qx,qy,qz,qw", "rx,ry,rz,n"))
     (tmp_path / "poses.mat").write_bytes(b"MATLAB 5.0 MAT-file\x00\x81\xff")
     (tmp_path / "scene.yaml").write_text("obstacles: 3\n")
+    (tmp_path / "arm.urdf").write_text((PROJECT / "test" / "lift_arm.urdf").read_text())
+    (tmp_path / "file").write_text("")
+    for name, simulator in (("start", "initial_position: [0.0, 1.0]"), ("other", "robot: ur5"), ("odd", "lag: 0.1")):
+        node = "/**:\n  ik_node:\n    ros__parameters: {robot: panda}\n"
+        text = f"{node}  ik_simulator:\n    ros__parameters: {{{simulator}}}\n"
+        (tmp_path / f"{name}.yaml").write_text(text)
 
 
 REFUSED = (
@@ -53,6 +59,18 @@ REFUSED = (
     ("--robot nobody", "unknown robot 'nobody'"),
     ("--config absent.yaml", "absent.yaml"),
     ("--scene scene.yaml", "has no list 'obstacles'"),
+    ("--urdf absent.urdf", "URDF file '{here}/absent.urdf' cannot be read: No such file or directory"),
+    ("--urdf poses.mat", "'{here}/poses.mat' cannot be read: 'utf-8' codec"),
+    ("--urdf .", "Is a directory"),
+    ("--urdf scene.yaml", "not a valid URDF: not XML"),
+    ("--urdf arm.urdf --robot ur5", "--urdf and --robot exclude each other"),
+    ("--urdf arm.urdf --set robot=ur5", "--urdf and --set robot=ur5 exclude each other"),
+    ("--urdf arm.urdf --tip nowhere", "unknown frame 'nowhere'; valid: base, carriage"),
+    ("--tip panda_link8 --set tip_frame=panda_link8", "--tip and --set tip_frame=panda_link8 set the same"),
+    ("--config start.yaml", "initial_position of ik_simulator has 2 values; expected 7, in the order panda_joint1"),
+    ("--config other.yaml", "ik_simulator has no joint panda_joint1, panda_joint2"),
+    ("--config odd.yaml", "unknown parameter 'lag'; nearest: lag_s"),
+    ("--out file/run", "folder 'file/run' cannot be created: Not a directory"),
     ("--out .", "folder '.' exists already"),
 )
 
@@ -62,7 +80,7 @@ def test_demo(arguments: str, message: str, capsys: pytest.CaptureFixture[str], 
     before = set(tmp_path.iterdir())
     assert demo.main(["--headless", *arguments.split()]) == 2
     said = capsys.readouterr()
-    assert message in said.err
+    assert message.format(here=tmp_path) in said.err
     assert len(said.err.splitlines()) == 1
     assert not said.out, "nothing is started"
     assert set(tmp_path.iterdir()) == before
@@ -174,13 +192,17 @@ def test_a_bag_of_another_program_is_named_alike_by_all(bag: str, capsys: pytest
         (("--robot", "ur5", "--rate", "250"), "ur5", 250.0),
         (("--robot", "pr2"), "pr2", 500.0),
         (("--set", "robot=ur5"), "ur5", 500.0),
+        (("--urdf", str(PROJECT / "test" / "lift_arm.urdf"), "--rate", "100"), "lift_arm", 100.0),
     ],
 )
 def test_the_robot_is_that_of_the_arguments(arguments: tuple[str, ...], robot: str, rate_hz: float) -> None:
     """Without --robot the robot is that of the parameter file, which was overridden by the default before."""
     given = [str(PROJECT / "config" / each) if each.endswith(".yaml") else each for each in arguments]
     run = CheckedRun(demo.checked_options(demo.parser().parse_args(given)))
-    assert run.settings.arm.robot == run.robot_name == robot
-    assert run.settings.control.rate_hz == rate_hz
+    assert run.robot_name == robot
+    assert run.settings.arm.robot == ("" if "--urdf" in given else robot)
+    assert run.settings.control.rate_hz == run.simulator["rate_hz"] == rate_hz
     assert run.out.name.startswith(f"ik_demo_{robot}_")
-    assert (run.start is None) == (robot in ("panda", "ur5")), "chosen where none is configured"
+    assert run.simulated_robot.joints == run.robot.joints
+    assert len(run.simulator["initial_position"]) == run.robot.n
+    assert (run.start is None) == (robot != "pr2"), "chosen where none is configured"

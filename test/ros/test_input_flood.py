@@ -254,7 +254,7 @@ def peer() -> Iterator[Peer]:
 def start_arm(peer: Peer, folder: Path) -> NodeProcess:
     """Start a simulated arm as a process."""
     given = ["-p", "robot:=panda", "-p", f"rate_hz:={RATE_HZ}", "-p", f"initial_position:={START.tolist()}"]
-    return peer.start("simulator", folder, [*given, "-r", "commands:=/ik_node/commands"])
+    return peer.start("simulator", folder, [*given])
 
 
 def test_no_input_silences_the_node(

@@ -41,7 +41,7 @@ def start_panda(peer: Peer, folder: Path) -> None:
     """A simulated panda at 100 Hz and the node that drives it."""
     # In this order: rcl merges all -p arguments at the place of the first one, and the last value wins.
     file, rate = ["--params-file", str(config_file("panda.yaml"))], ["-p", "rate_hz:=100.0"]
-    peer.start("simulator", folder, [*file, *rate, "-r", "commands:=/ik_node/commands"])
+    peer.start("simulator", folder, [*file, *rate])
     peer.start("node", folder, [*file, *CALM, *rate])
 
 

@@ -13,7 +13,7 @@ REFUSED = (
     ("watchdog", "timeout_s:=0.001", "timeout_s is 0.001; valid: 0.01 to 10 s"),
     ("watchdog", "timeout_s:=soon", "timeout_s is 'soon' (string); valid: a double, 0.01 to 10 s"),
     ("simulator", "rate:=100.0", "unknown parameter 'rate'; nearest: rate_hz"),
-    ("simulator", "initial_position:=[0, 1.5]", "initial_position has 2 values, expected 7"),
+    ("simulator", "initial_position:=[0, 1.5]", "initial_position of ik_simulator has 2 values; expected 7"),
     ("simulator", "dropout:=2", "dropout is 2.0; valid: 0 to 1"),
 )
 ACCEPTED = (
@@ -56,7 +56,7 @@ def test_whole_numbers_are_taken_and_a_file_for_another_node_is_reported(
     file.write_text(OF_ANOTHER)
     given = ["--params-file", str(file), *(part for value in values for part in ("-p", value))]
     if executable == "watchdog":
-        peer.start("simulator", tmp_path, ["-r", "commands:=/ik_node/commands"])
+        peer.start("simulator", tmp_path, [])
         peer.start("node", tmp_path, ["-p", "robot:=panda"])
     process = peer.start(executable, tmp_path, given)
     line = f"'{file}' has no parameters for node /ik_{executable}; it has some for /**/other"

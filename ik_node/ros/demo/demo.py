@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from types import FrameType
 
 import numpy as np
 import rclpy
+import yaml
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -33,8 +35,10 @@ from ik_node.report import (
 )
 from ik_node.report.recorded_scene import read_obstacles
 from ik_node.report.summary_page import save_summary
+from ik_node.robot.simulator_parameters import SIMULATOR
 from ik_node.ros.child_process import NodeProcess
-from ik_node.ros.demo.options import ARM_PARAMETERS, SIMULATOR, CheckedRun, DemoOptions
+from ik_node.ros.demo.new_folder import new_folder
+from ik_node.ros.demo.options import CheckedRun, DemoOptions
 from ik_node.ros.demo.target_streamer import TargetStreamer
 from ik_node.settings.groups import Settings
 from ik_node.trajectory import shapes
@@ -46,6 +50,13 @@ STREAM_RATE_HZ = 50.0
 HOLD_S = 0.6
 """Time after the last target; the node detects the end of the stream in it."""
 PROGRESS_S = 0.2
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+
+
+class InterruptedBeforeStart(IkNodeError):
+    """Ctrl-C before the motion began."""
 
 
 class Demonstration:
@@ -59,51 +70,69 @@ class Demonstration:
         self._interrupted = False
 
     def run(self) -> int:
-        """Run; return 0, or 130 when interrupted. The recording is complete and reported in both cases."""
+        """Run; return 0, or 130 when interrupted.
+
+        After the start of the motion the recording is complete and reported in both cases. A run that fails leaves
+        nothing behind.
+        """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._on_signal)
-        out = self._run.out
-        out.mkdir(parents=True)
-        if is_cold():
-            print("compiling, once per version: about a minute", flush=True)
-            warm_up(self._robot, Settings())
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
-            with self._simulator(out) as simulator, self._node(out) as node:
-                truth = self._stream([simulator, node])
-        finally:
-            rclpy.try_shutdown()
-        self._report(out, truth)
-        return 130 if self._interrupted else 0
+            with new_folder(self._run.out) as out:
+                if is_cold():
+                    print("compiling, once per version: about a minute", flush=True)
+                    warm_up(self._robot, Settings())
+                rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+                try:
+                    with self._simulator(out) as simulator, self._node(out) as node:
+                        truth = self._watched([simulator, node])
+                finally:
+                    rclpy.try_shutdown()
+                self._report(out, truth)
+        except InterruptedBeforeStart as error:
+            print(f"{error}; nothing was recorded", flush=True)
+            return INTERRUPTED
+        return INTERRUPTED if self._interrupted else 0
 
     # --- processes ---------------------------------------------------------------------------------------------------
 
     def _simulator(self, out: Path) -> NodeProcess:
-        arguments = [*self._common(SIMULATOR), "-r", "commands:=/ik_node/commands"]
-        if self._run.start is not None:
-            arguments += ["-p", f"{SIMULATOR}:initial_position:={self._run.start.position.tolist()}"]
-        return NodeProcess("ik_node.cli.simulator", arguments, {}, out / "ik_simulator.log")
+        file = out / f"{SIMULATOR}.yaml"
+        values = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in self._run.simulator.items()
+            if value not in ("", ())
+        }
+        file.write_text(yaml.safe_dump({"/**": {SIMULATOR: {"ros__parameters": values}}}, sort_keys=False))
+        return NodeProcess("ik_node.cli.simulator", ["--params-file", str(file)], {}, out / f"{SIMULATOR}.log")
 
     def _node(self, out: Path) -> NodeProcess:
-        recording = ["recording.enabled:=true", f"recording.directory:={out / 'bag'}"]
-        arguments = self._common("ik_node")
-        for value in recording:
+        arguments = []
+        if config := self._run.config:
+            file = config.path
+            if config.text:
+                file = out / config.path.name
+                file.write_text(config.text)
+            arguments += ["--params-file", str(file)]
+        if self._run.settings.arm.robot:
+            arguments += ["-p", f"ik_node:robot:={self._run.settings.arm.robot}"]
+        for value in ("recording.enabled:=true", f"recording.directory:={json.dumps(str(out / 'bag'))}"):
             arguments += ["-p", f"ik_node:{value}"]
         for name, value in self._options.overrides.items():
             arguments += ["-p", f"ik_node:{name}:={value}"]
         return NodeProcess("ik_node.cli.node", arguments, {}, out / "ik_node.log")
 
-    def _common(self, node: str) -> list[str]:
-        """Return arguments for either node; values with the name of the node override those of the file."""
-        arguments = [] if self._run.config is None else ["--params-file", str(self._run.config)]
-        if self._run.settings.arm.robot:
-            arguments += ["-p", f"{node}:robot:={self._run.settings.arm.robot}"]
-        if node == SIMULATOR:
-            for name in ("rate_hz", *ARM_PARAMETERS):
-                if name in self._options.overrides:
-                    arguments += ["-p", f"{node}:{name}:={self._options.overrides[name]}"]
-        return arguments
+    def _watched(self, processes: list[NodeProcess]) -> GroundTruth:
+        """Stream; print the ends of the logs, which are removed, when that fails."""
+        try:
+            return self._stream(processes)
+        except InterruptedBeforeStart:
+            raise
+        except IkNodeError:
+            for process in processes:
+                print(f"end of {process.log.name}:\n{process.log_tail()}", file=sys.stderr)
+            raise
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         del number, frame
@@ -118,12 +147,12 @@ class Demonstration:
         def check_processes() -> None:
             for process in processes:
                 if process.exit_code is not None:
-                    raise IkNodeError(f"{process.module} ended with code {process.exit_code}:\n{process.log_tail()}")
+                    raise IkNodeError(f"{process.module} ended with code {process.exit_code}; its log is above")
 
         def check_before_start() -> None:
             check_processes()
             if self._interrupted:
-                raise IkNodeError("interrupted before the start")
+                raise InterruptedBeforeStart("interrupted before the start")
 
         print(f"starting {self._run.robot_name}: ik_node and ik_simulator over DDS", flush=True)
         if self._run.start is not None:
@@ -181,7 +210,7 @@ class Demonstration:
         save_summary(run, report, picture)
         (out / "report.json").write_text(as_json(report))
         print(as_text(report))
-        print(f"recording {out / 'bag'}\npicture   {picture}", flush=True)
+        print(f"recording {out / 'bag'}\npicture   {picture}\nlook at it: ik_view {out / 'bag'}", flush=True)
         if self._options.show and sys.stdout.isatty() and which("xdg-open"):
             subprocess.Popen(["xdg-open", str(picture)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 

@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ik_node import resources
 from ik_node.collision.scene import read_scene
+from ik_node.control.arm_configuration import arm_configuration
 from ik_node.control.start_posture import StartPosture, choose_start_posture
 from ik_node.errors import SettingsError
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
+from ik_node.robot.simulator_parameters import ARM_NAMES, ROBOT, SIMULATOR, arm_settings, checked_values, start_position
 from ik_node.settings.groups import Settings
-from ik_node.settings.parameter_file import addresses, parse_assignment, read_sections, read_settings
+from ik_node.settings.parameter_file import parse_assignment, read_sections, sections_in, settings_of, values_of
 from ik_node.settings.schema import Value
 from ik_node.trajectory import pose_file, shapes
 from ik_node.trajectory.pose_file import PoseFile
 from ik_node.trajectory.pose_file_format import PoseFileFormat
 
-SIMULATOR = "ik_simulator"
-"""Name of the node of the simulated arm."""
-DEFAULT_ROBOT = "panda"
 OWN_PARAMETERS = ("recording.enabled", "recording.directory")
 """Parameters that the demonstration sets."""
-ARM_PARAMETERS = ("robot", "robot_description", "base_frame", "tip_frame", "joint_prefix")
-"""Parameters that the simulator has, too."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,9 @@ class DemoOptions:
     """Options of the demonstration."""
 
     config: Path | None
-    """Parameter file; None: that of the robot, if there is one."""
+    """Parameter file; None: that of the robot, if there is one, or one made from ``urdf``."""
+    urdf: Path | None
+    """URDF file of the arm; None: the robot is that of the parameters."""
     overrides: Mapping[str, str]
     """Parameters of the node: name -> value as YAML."""
     trajectory: str
@@ -49,6 +50,14 @@ class DemoOptions:
     """Open the picture of the report where there is a screen."""
 
 
+class Configuration(NamedTuple):
+    """A parameter file that exists, or one that the demonstration writes."""
+
+    path: Path
+    text: str = ""
+    """Text of the file to be written; empty where it exists."""
+
+
 class CheckedRun:
     """Everything that the demonstration reads from files."""
 
@@ -58,24 +67,26 @@ class CheckedRun:
         Raises:
             IkNodeError: A file or parameter cannot be used, or the output folder exists.
         """
-        self.config = options.config or _config_for(options.overrides.get("robot", DEFAULT_ROBOT))
-        """The parameter file; None where there is none and the defaults apply."""
-        settings = Settings() if self.config is None else read_settings(self.config)
         values: dict[str, Value] = dict(
             parse_assignment(f"{name}={value}") for name, value in options.overrides.items()
         )
+        self.config, sections = _configuration(options, values)
+        settings = settings_of(self.config.path, sections) if self.config else Settings()
         if not (settings.arm.robot or settings.arm.robot_description):
-            values.setdefault("robot", DEFAULT_ROBOT)
+            values.setdefault("robot", ROBOT)
         self.settings = settings.with_values(values)
         """The settings of the node."""
-        self.robot: Robot = robot_from_settings(self.settings.arm)
-        self.robot_name = self.settings.arm.robot or Path(str(self.config)).stem
+        arm = self.settings.arm
+        self.robot: Robot = robot_from_settings(arm)
+        self.robot_name = self.robot.name if arm.robot_description or not arm.robot else arm.robot
+        self.simulator = checked_values(self._simulator_values(sections, values))
+        """Parameters of the simulated arm; its start is configured, or chosen for the obstacles of the settings."""
         if scene := self.settings.obstacles.scene:
             read_scene(scene, lambda frame: self.robot.frame_pose(np.zeros(self.robot.n), frame))
         self.start: StartPosture | None = None
-        """The start of the simulated arm, chosen for these obstacles; None where it is configured."""
-        if not _is_start_configured(self.config):
-            self.start = choose_start_posture(self.robot, self.settings)
+        """The start of the simulated arm if it was chosen."""
+        self.simulated_robot = self._check_simulator()
+        """The robot of the simulated arm."""
         self.poses: PoseFile | None = None
         """The file of poses; None for a shape."""
         if options.trajectory not in shapes.SHAPES:
@@ -83,10 +94,31 @@ class CheckedRun:
                 valid = ", ".join(shapes.SHAPES)
                 raise SettingsError(f"no trajectory '{options.trajectory}'; valid: {valid}, or a file of poses")
             self.poses = pose_file.read(options.trajectory, options.file_format)
-        self.out = options.out or Path(f"ik_demo_{self.robot_name}_{datetime.now():%Y%m%d-%H%M%S}")
+        name = re.sub(r"[^\w.-]", "_", self.robot_name)
+        self.out = options.out or Path(f"ik_demo_{name}_{datetime.now():%Y%m%d-%H%M%S}")
         """The new folder."""
         if self.out.exists():
             raise SettingsError(f"folder '{self.out}' exists already; it is not overwritten")
+
+    def _simulator_values(self, sections: dict[str, dict[str, Any]], overrides: Mapping[str, Value]) -> dict[str, Any]:
+        """Parameters of the simulated arm: those of the command line, of its section, else of the node."""
+        arm = self.settings.arm
+        of_node = {name: getattr(arm, name) for name in ARM_NAMES} | {"rate_hz": self.settings.control.rate_hz}
+        given = {name: overrides[name] for name in of_node if name in overrides}
+        return of_node | (values_of(sections, SIMULATOR) or {}) | given
+
+    def _check_simulator(self) -> Robot:
+        robot = robot_from_settings(arm_settings(self.simulator))
+        missing = [name for name in self.robot.joints if name not in robot.joints]
+        if missing:
+            raise SettingsError(
+                f"{SIMULATOR} has no joint {', '.join(missing)}; its parameters describe another arm with the joints "
+                f"{', '.join(robot.joints)}"
+            )
+        if start_position(self.simulator, robot.joints) is None:
+            self.start = choose_start_posture(robot, self.settings)
+            self.simulator["initial_position"] = tuple(self.start.position.tolist())
+        return robot
 
 
 def checked_overrides(assignments: Sequence[str]) -> dict[str, str]:
@@ -106,14 +138,20 @@ def checked_overrides(assignments: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _is_start_configured(config: Path | None) -> bool:
-    """Whether a parameter file has the start of the simulated arm."""
-    sections = {} if config is None else read_sections(config)
-    return any("initial_position" in values for name, values in sections.items() if addresses(name, SIMULATOR))
+def _configuration(
+    options: DemoOptions, values: Mapping[str, Value]
+) -> tuple[Configuration | None, dict[str, dict[str, Any]]]:
+    """The parameter file and its sections; None where there is none and the defaults apply."""
+    if options.urdf is not None and options.config is None:
+        frames = (str(values.get(name, "")) for name in ("base_frame", "tip_frame"))
+        text = arm_configuration(options.urdf, *frames)
+        return Configuration(Path("ik_node.yaml"), text), sections_in(text, options.urdf)
+    existing = options.config or _config_for(str(values.get("robot", ROBOT)))
+    return (None, {}) if existing is None else (Configuration(existing), read_sections(existing))
 
 
 def _config_for(robot: str) -> Path | None:
-    """Return the configuration file of a robot; None where there is none and the defaults apply."""
+    """Return the configuration file of a robot; None where there is none."""
     try:
         return resources.config_file(f"{robot}.yaml")
     except SettingsError:

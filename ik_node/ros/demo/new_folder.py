@@ -1,0 +1,38 @@
+"""A new folder that is removed when what was to fill it fails."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from ik_node.errors import SettingsError
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Create a folder with its missing parents; remove them again after an exception.
+
+    Args:
+        path: The folder; must not exist.
+
+    Yields:
+        The folder.
+
+    Raises:
+        SettingsError: The folder cannot be created.
+    """
+    created = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        try:
+            path.mkdir(parents=True)
+        except OSError as error:
+            raise SettingsError(f"folder '{path}' cannot be created: {error.strerror}") from error
+        yield path
+    except BaseException:
+        shutil.rmtree(path, ignore_errors=True)
+        for parent in created[1:]:
+            with contextlib.suppress(OSError):  # something else is in it now
+                parent.rmdir()
+        raise

@@ -1,0 +1,119 @@
+"""``ik_config``: the printed file is accepted by node and simulated arm, and every value has its source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import PROJECT
+
+from ik_node.cli.config import main
+from ik_node.robot import catalogue
+from ik_node.robot.catalogue import robot_from_settings
+from ik_node.robot.joint_limits import motion_limits
+from ik_node.robot.simulator_parameters import SIMULATOR, arm_settings, checked_values, start_position
+from ik_node.settings.parameter_file import read_sections, read_settings, values_of
+
+OWN = PROJECT / "test" / "lift_arm.urdf"
+
+
+def written(urdf: Path, folder: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[Path, str]:
+    assert main([str(urdf), *options]) == 0
+    text = capsys.readouterr().out
+    path = folder / "arm.yaml"
+    path.write_text(text)
+    return path, text
+
+
+def test_node_and_simulated_arm_accept_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, text = written(OWN, tmp_path, capsys)
+    settings = read_settings(path)
+    robot = robot_from_settings(settings.arm)
+    assert robot.name == "lift_arm"
+    assert robot.tip_frame == "grasp_point"
+    assert robot.joints == settings.arm.joints == ("lift", "turn", "raise", "bend", "roll", "tilt", "spin")
+    assert "left out as a gripper's: close" in text
+    limits = motion_limits(robot, settings.limits, settings.control.rate_hz)
+    assert limits.velocity.tolist() == [0.25, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0]
+    assert limits.acceleration.tolist() == [1.25, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0]
+    assert limits.lower[0] == 0.0
+    assert np.isinf(limits.lower[-1])
+
+    values = checked_values(values_of(read_sections(path), SIMULATOR) or {})
+    simulated = robot_from_settings(arm_settings(values))
+    start = start_position(values, simulated.joints)
+    assert start is not None
+    assert simulated.joints == robot.joints
+    assert (limits.lower < start).all()
+    assert (start < limits.upper).all()
+    assert np.linalg.svd(robot.evaluate(start).jacobian_b, compute_uv=False)[-1] > 0.1
+
+
+def test_every_value_has_its_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, text = written(OWN, tmp_path, capsys)
+    for line in (
+        "- lift  # prismatic, 0 to 0.5 m: URDF",
+        "- spin  # revolute, no position limits: URDF",
+        "- 0.25  # lift, m/s: URDF",
+        "- 1.25  # lift, m/s2: assumed",
+        "# A URDF has no acceleration limits. Assumed:",
+        "rate_hz: 500.0  # assumed",
+    ):
+        assert line in text
+    assert "task:" not in text, "the arm can follow whole poses"
+
+
+def test_limits_that_cannot_be_meant_are_assumed_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = tmp_path / "arm.urdf"
+    text = OWN.read_text().replace('lower="-2.9" upper="2.9" velocity="2"', 'lower="0" upper="0" velocity="0"')
+    urdf.write_text(text.replace('<limit effort="100" velocity="3"/>', ""))
+    path, text = written(urdf, tmp_path, capsys)
+    settings = read_settings(path)
+    limits = motion_limits(robot_from_settings(settings.arm), settings.limits, settings.control.rate_hz)
+    assert limits.velocity.tolist() == [0.25, 1.0, 2.0, 2.0, 3.0, 3.0, 1.0]
+    assert (limits.lower[1], limits.upper[1]) == pytest.approx((-np.pi, np.pi), abs=1e-3)
+    assert "turn, rad/s: assumed, the URDF has none" in text
+    assert "turn: assumed; joint 'turn' has position limits 0 to 0 in the URDF" in text
+    assert "spin: none in the URDF" in text
+
+
+def test_an_arm_with_five_joints_gets_the_task_that_it_can_follow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = catalogue.find("so101")
+    path, text = written(catalogue.robots_folder() / arm.urdf, tmp_path, capsys)
+    assert read_settings(path).arm.joints == (
+        "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll",
+    )  # fmt: skip
+    assert "tip_frame: gripper_frame_link" in text
+    assert "#   tolerance: [0.0, 0.0, 0.0, 0.0, 0.0, .inf]" in text
+    assert "#   frame: base" in text
+
+
+def test_frames_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, _ = written(OWN, tmp_path, capsys, "--base", "carriage", "--tip", "wrist_3")
+    assert read_settings(path).arm.joints == ("turn", "raise", "bend", "roll", "tilt", "spin")
+
+
+@pytest.mark.parametrize(
+    ("content", "arguments", "reason"),
+    [
+        (None, (), "No such file"),
+        (b"\xff\xfe\x00", (), "cannot be read"),
+        (b"<sdf/>", (), "root element is <sdf>; expected <robot>"),
+        (b'<robot name="a"><link name="b"/></robot>', (), "no movable joint"),
+        (OWN.read_bytes(), ("--tip", "nowhere"), "unknown frame 'nowhere'; valid: base"),
+    ],
+)
+def test_files_that_are_no_arm(
+    content: bytes | None, arguments: tuple[str, ...], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.urdf"
+    if content is not None:
+        path.write_bytes(content)
+    assert main([str(path), *arguments]) == 2
+    said = capsys.readouterr()
+    assert said.out == "", "an empty file is easier to notice than a part of one"
+    assert reason in said.err
+    assert len(said.err.splitlines()) == 1

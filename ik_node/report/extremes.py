@@ -60,13 +60,19 @@ def potential_wrench(run: Run) -> Array:
     Returns:
         (k, 6), N and N m; NaN where the gain is 0 or not recorded.
     """
-    gain = np.full(len(run.times_s), _number(run.settings.get("gradient_gain")))
-    for time_s, changed in run.setting_changes:
-        if "gradient_gain" in changed:
-            gain[run.times_s >= time_s] = _number(changed["gradient_gain"])
+    gain = gradient_gains(run)
     with np.errstate(divide="ignore", invalid="ignore"):
         result: Array = run.multiplier_potential / np.where(gain > 0.0, gain, np.nan)[:, None]
     return result
+
+
+def gradient_gains(run: Run) -> Array:
+    """The gain k at each control step, (k,); NaN where it was not recorded."""
+    gains = np.full(len(run.times_s), _number(run.settings.get("gradient_gain")))
+    for time_s, changed in run.setting_changes or ():
+        if "gradient_gain" in changed:
+            gains[run.times_s >= time_s] = _number(changed["gradient_gain"])
+    return gains
 
 
 def _number(value: object) -> float:

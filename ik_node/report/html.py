@@ -16,25 +16,43 @@ from ik_node.report.canvas import convert_write_errors, report_style
 from ik_node.report.document import as_svg, document_title, draw_pages
 from ik_node.report.quantities import NOT_AVAILABLE
 from ik_node.report.reported_run import ReportedRun, time_label
-from ik_node.report.style import MODE_COLOURS, TEXT_COLOUR
+from ik_node.report.style import AMBER, MODE_COLOURS, RED, TEXT_COLOUR
 from ik_node.report.table import metric_rows
-from ik_node.report.timeline import DARK_TEXT, StateInterval, state_intervals
+from ik_node.report.text import what_was_done
+from ik_node.report.timeline import (
+    DARK_TEXT,
+    GIVEN_UP,
+    SLOWED,
+    StateInterval,
+    condition_spans,
+    state_intervals,
+)
+from ik_node.report.verdict import CAUSE_COLOURS, verdict
 from ik_node.settings.groups import describe
 from ik_node.settings.schema import Value
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 0 auto; max-width: 1320px; padding: 0 24px 48px; }
 h1 { font-size: 1.7em; margin: 24px 0 4px; } h2 { margin: 36px 0 8px; border-bottom: 1px solid #ddd; }
-nav a { margin-right: 16px; } a { color: #0072b2; } p { margin: 6px 0; } .faint { color: #667; }
-figure { margin: 12px 0 28px; } figure img { width: 100%; border: 1px solid #e6e8ea; } figcaption { color: #667; }
+nav { line-height: 2; } nav a { margin-right: 16px; display: inline-block; }
+a { color: #0072b2; } p { margin: 6px 0; } .faint { color: #667; }
+figure { margin: 12px 0 28px; overflow-x: auto; } figcaption { color: #667; }
+figure img { width: 100%; min-width: 880px; border: 1px solid #e6e8ea; }
+.verdict { font-size: 1.45em; font-weight: 700; line-height: 1.3; margin: 24px 0 4px; padding-left: 12px;
+  border-left: 8px solid; overflow-wrap: anywhere; }
+.done { color: #556; margin: 0 0 12px; } td.what { color: #667; min-width: 180px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 2px 18px 2px 0; vertical-align: top; border-bottom: 1px solid #eee; }
 td.number, th.number { text-align: right; white-space: nowrap; } tr.differs td { background: #fff6e0; }
 td.long { overflow-wrap: anywhere; max-width: 560px; }
 .box { overflow: auto; max-height: 560px; border: 1px solid #e6e8ea; padding: 0 8px; }
+.conditions { position: relative; height: 10px; margin: -4px 0 8px; background: #eef0f2; }
+.conditions div { position: absolute; top: 0; height: 100%; }
 .wide { overflow-x: auto; } .mode { border-radius: 4px; padding: 0 7px; font-weight: 600; }
 .dot { display: inline-block; width: 11px; height: 11px; border-radius: 50%; margin-right: 6px; }
 .mode-bar { display: flex; height: 16px; margin: 8px 0; border-radius: 3px; overflow: hidden; }
+@media (max-width: 640px) { body { padding: 0 12px 32px; } th, td { padding-right: 10px; } h1 { font-size: 1.2em; }
+  .verdict { font-size: 1.2em; } }
 @media print { .box { max-height: none; overflow: visible; } figure { break-inside: avoid; } }
 """
 MAX_CHARACTERS = 300
@@ -52,8 +70,8 @@ def as_html(reported_runs: Sequence[ReportedRun]) -> str:
     """The content of the file. Texts from recordings are escaped."""
     title = html.escape(document_title(reported_runs))
     sections = (
-        ("metrics", "Metrics", _metrics(reported_runs)),
-        ("plots", "Plots", _plots(reported_runs)),
+        ("plots", "Pictures", _plots(reported_runs)),
+        ("metrics", "Numbers", _metrics(reported_runs)),
         ("timeline", "Timeline", "".join(_timeline(reported, len(reported_runs) > 1) for reported in reported_runs)),
         ("parameters", "Parameters that differ from the defaults", _parameters(reported_runs)),
         ("versions", "Versions", _versions(reported_runs)),
@@ -64,8 +82,23 @@ def as_html(reported_runs: Sequence[ReportedRun]) -> str:
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
         '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
         f"<title>Report: {title}</title><style>{STYLE}</style></head>\n"
-        f"<body><h1>{title}</h1>{_introduction(reported_runs)}<nav>{links}</nav>\n{body}</body></html>\n"
+        f"<body>{_heading(reported_runs)}{_introduction(reported_runs)}<nav>{links}</nav>\n{body}</body></html>\n"
     )
+
+
+def _heading(reported_runs: Sequence[ReportedRun]) -> str:
+    """The verdict of every recording and what was done; the names of several."""
+    texts = []
+    for reported in reported_runs:
+        found = verdict(reported.metrics, reported.zero_s)
+        if len(reported_runs) > 1:
+            texts.append(f"<h1>{_name(reported)}</h1>")
+        colour = CAUSE_COLOURS.get(found.cause, AMBER)
+        texts.append(f'<p class="verdict" style="border-color:{colour}">{html.escape(found.text)}</p>')
+        done = what_was_done(reported.metrics)
+        named = "" if len(reported_runs) > 1 or done.startswith(reported.name) else f"{reported.name}: "
+        texts.append(f'<p class="done">{html.escape(named + done)}</p>')
+    return "".join(texts)
 
 
 def _introduction(reported_runs: Sequence[ReportedRun]) -> str:
@@ -84,10 +117,10 @@ def _metrics(reported_runs: Sequence[ReportedRun]) -> str:
     lines = "".join(
         f"<tr><td>{html.escape(row.label)}</td>"
         + "".join(f'<td class="number">{html.escape(value)}</td>' for value in row.values)
-        + "</tr>"
+        + f'<td class="what">{html.escape(row.explanation)}</td></tr>'
         for row in metric_rows(reported_runs)
     )
-    return _table(names, lines)
+    return _table(f"{names}<th>meaning</th>", lines)
 
 
 def _plots(reported_runs: Sequence[ReportedRun]) -> str:
@@ -119,9 +152,23 @@ def _timeline(reported: ReportedRun, named: bool) -> str:
     )
     heading = f"<h3>{_name(reported)}</h3>" if named else ""
     return (
-        f'{heading}<div class="mode-bar">{mode_bar}</div>'
+        f'{heading}<div class="mode-bar">{mode_bar}</div>{_condition_bar(reported)}'
         f'<div class="box"><table class="states"><thead>{head}</thead><tbody>{lines}</tbody></table></div>'
     )
+
+
+def _condition_bar(reported: ReportedRun) -> str:
+    """A bar with the times in which the arm was slowed (amber), or a direction was given up (red); empty for none."""
+    begin, end = reported.span_s
+    marks = condition_spans(reported)
+    parts, legend = [], []
+    for spans, colour, name in ((marks.slowed, AMBER, SLOWED), (marks.given_up, RED, GIVEN_UP)):
+        for start, duration in spans:
+            left, width = 100.0 * (start - begin) / (end - begin), 100.0 * duration / (end - begin)
+            parts.append(f'<div style="left:{left:.3f}%;width:{width:.3f}%;background:{colour}"></div>')
+        if spans:
+            legend.append(f'<span class="mode" style="background:{colour};color:#fff">{name}</span>')
+    return f'<div class="conditions">{"".join(parts)}</div><p>{" ".join(legend)}</p>' if parts else ""
 
 
 def _interval_text(interval: StateInterval) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,11 +12,26 @@ from ik_node.report.curves import draw_clearance, draw_scale, draw_singular_valu
 from ik_node.report.path_plot import draw_obstacles, draw_paths
 from ik_node.report.reported_run import ReportedRun, span_of, time_label
 from ik_node.report.style import page_heading, run_legend, share_time_axis
-from ik_node.report.table import as_table
+from ik_node.report.table import MAIN_LABELS, as_table
 from ik_node.report.timeline import draw_mode_bars
+from ik_node.report.verdict import verdict
 
+VERDICT_CHARACTERS = 72
+LINE_PART = 0.036
+"""Height of a line of a verdict, relative to the text."""
 COLUMN = 16
 """Maximum width of the metrics of one recording, in characters."""
+
+
+def _write_verdicts(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """The verdict of every recording in its colour."""
+    y = 0.97
+    for reported in reported_runs:
+        lines = textwrap.wrap(
+            f"{reported.name}: {verdict(reported.metrics, reported.zero_s).text}", VERDICT_CHARACTERS
+        )[:3]
+        axes.text(0.0, y, "\n".join(lines), color=reported.colour, fontsize=9.5, fontweight="bold", va="top")
+        y -= LINE_PART * (len(lines) + 0.4)
 
 
 def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
@@ -33,8 +49,10 @@ def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
         draw_obstacles(axes, reported_runs[0].run)
     table = figure.add_subplot(left[1])
     table.axis("off")
-    size = 6.9 if len(reported_runs) <= 3 else 5.9
-    table.text(0.0, 1.0, as_table(reported_runs, COLUMN), family="monospace", fontsize=size, va="top", linespacing=1.35)
+    _write_verdicts(table, reported_runs)
+    size = 7.6 if len(reported_runs) <= 2 else 6.4
+    text = as_table(reported_runs, COLUMN, MAIN_LABELS)
+    table.text(0.0, 0.62, text, family="monospace", fontsize=size, va="top", linespacing=1.4)
     bars = 0.22 + 0.16 * len(reported_runs)
     rows = halves[1].subgridspec(6, 1, height_ratios=(1.0, 1.0, 0.8, 0.6, 0.8, bars), hspace=0.34)
     column = [figure.add_subplot(rows[index]) for index in range(6)]

@@ -48,7 +48,7 @@ def draw_path(figure: Any, axes: Any, reported: ReportedRun) -> None:
     points = np.concatenate((desired, measured, *arm, *_corners(obstacles, np.concatenate((desired, *arm)))))
     _set_equal_axes(axes, points, 0.03)
     bar = figure.colorbar(
-        coloured, ax=axes, orientation="horizontal", shrink=0.5, pad=0.06, aspect=28, anchor=(0.5, 1.0)
+        coloured, ax=axes, orientation="horizontal", shrink=0.5, pad=0.1, aspect=28, anchor=(0.5, 1.0)
     )
     bar.set_label("position error, tool to trajectory [mm]", fontsize=8)
     bar.ax.tick_params(labelsize=7.5)

@@ -73,7 +73,7 @@ def read_reported_runs(
             run = load_run(bag)
             if given is not None:
                 _check_overlap(given, run, bag)
-            read.append((run, compute_metrics(run, given or _stored_truth(bag), obstacles=read_obstacles(bag))))
+            read.append((run, compute_metrics(run, given or stored_truth(bag), obstacles=read_obstacles(bag))))
         except IkNodeError as error:
             raise error if str(bag) in str(error) else RecordingError(f"'{bag}': {error}") from error
     aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _ in read)
@@ -142,7 +142,7 @@ def methods_of(reported: ReportedRun) -> tuple[str, ...]:
     return tuple(dict.fromkeys((reported.metrics.method, *map(str, changes))))
 
 
-def _stored_truth(bag: Path) -> GroundTruth | None:
+def stored_truth(bag: Path) -> GroundTruth | None:
     """The ground truth beside the recording's folder; None if there is none."""
     place = bag.resolve()
     beside = (place if place.is_dir() else place.parent).parent / GROUND_TRUTH_FILE

@@ -16,10 +16,10 @@ from ik_node.report.metrics import RunMetrics
 from ik_node.report.path_plot import draw_path
 from ik_node.report.reported_run import ReportedRun, report_run, time_label
 from ik_node.report.run_description import joint_units
-from ik_node.report.style import AMBER, DPI, GREEN, GREY, RED, TEXT_COLOUR, VERMILION, decimate
+from ik_node.report.style import AMBER, DPI, TEXT_COLOUR, VERMILION, decimate
 from ik_node.report.text import metric_lines, what_was_done
 from ik_node.report.timeline import draw_mode_bars
-from ik_node.report.verdict import Cause, verdict
+from ik_node.report.verdict import CAUSE_COLOURS, verdict
 
 HEIGHT_IN = 10.6
 LINE_IN = 0.148
@@ -31,8 +31,6 @@ SHORTEST_PATH_IN = 3.4
 REST = 1e-6
 """Velocities below this (rad/s, m/s) are rounding."""
 VERDICT_CHARACTERS = 118
-CAUSE_COLOURS = {Cause.TRACKED: GREEN, Cause.NO_TARGET: GREY, Cause.STOPPED: RED, Cause.SINGULARITY: RED}
-"""Colour of the bar beside the verdict; amber for all other causes."""
 
 
 def save_summary(run: Run, metrics: RunMetrics, path: str | Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -262,10 +262,38 @@ def metric_rows(reported_runs: Sequence[ReportedRun]) -> tuple[MetricRow, ...]:
     return tuple(row for row in table if any(value != NOT_AVAILABLE for value in row.values))
 
 
-def as_table(reported_runs: Sequence[ReportedRun], max_width: int = MAX_WIDTH) -> str:
-    """Table as text: one column of at most ``max_width`` characters per recording under its name."""
+MAIN_LABELS = (
+    "robot",
+    "method",
+    "position error, tool to trajectory, RMS [mm]",
+    "position error, tool to trajectory, max [mm]",
+    "orientation error, tool to trajectory, RMS [mrad]",
+    "position error, reference to trajectory, RMS [mm]",
+    "position error, tool to reference, RMS [mm]",
+    "targets lost",
+    "rate [Hz]",
+    "hold-ups, time [s]",
+    "top speed [% of limit]",
+    "time with s < 1 [s]",
+    "truncated twist, time [s]",
+    "clearance to obstacles, min [mm]",
+    "clearance between links, min [mm]",
+    "kinetic energy of the command, mean [J]",
+)
+"""Rows of the comparison of several recordings in a picture."""
+
+
+def as_table(reported_runs: Sequence[ReportedRun], max_width: int = MAX_WIDTH, labels: Collection[str] = ()) -> str:
+    """Table as text: one column of at most ``max_width`` characters per recording under its name.
+
+    Args:
+        reported_runs: The recordings.
+        max_width: Of a column.
+        labels: Labels of the rows; default: all.
+    """
     names = tuple(_shortened(reported.name, max_width) for reported in reported_runs)
-    lines = [MetricRow("", names), *metric_rows(reported_runs)]
+    rows = [row for row in metric_rows(reported_runs) if not labels or row.label in labels]
+    lines = [MetricRow("", names), *rows]
     first = max(len(line.label) for line in lines)
     widths = [min(max(len(line.values[index]) for line in lines), max_width) for index in range(len(names))]
     return "\n".join(

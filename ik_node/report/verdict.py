@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ik_node.interfaces.step import OFF_DIRECTION, Mode
 from ik_node.report.deviation import Deviation
 from ik_node.report.metrics import RunMetrics
+from ik_node.report.style import GREEN, GREY, RED
 
 MIN_PART = 0.1
 """A condition explains a deviation when it lasted for this fraction of it."""
@@ -45,6 +46,10 @@ class Cause(Enum):
     NO_TARGET = "no target"
 
 
+CAUSE_COLOURS = {Cause.TRACKED: GREEN, Cause.NO_TARGET: GREY, Cause.STOPPED: RED, Cause.SINGULARITY: RED}
+"""Colour of the bar beside a verdict; amber for all other causes."""
+
+
 class Verdict(NamedTuple):
     """The result of a run."""
 
@@ -58,8 +63,13 @@ class _Explanation(NamedTuple):
     text: str
 
 
-def verdict(metrics: RunMetrics) -> Verdict:
-    """The result of a run in one sentence: how well it tracked, or where it did not and why."""
+def verdict(metrics: RunMetrics, zero_s: float = 0.0) -> Verdict:
+    """The result of a run in one sentence: how well it tracked, or where it did not and why.
+
+    Args:
+        metrics: Of the run.
+        zero_s: Time on the axis of ``Run.times_s`` that is called 0 in the sentence.
+    """
     stopped = _longest_stop(metrics)
     deviation = metrics.deviation
     if stopped is not None:
@@ -69,7 +79,7 @@ def verdict(metrics: RunMetrics) -> Verdict:
         return _without_deviation(metrics)
     cause, text = _explanation(metrics, deviation)
     subject = "Tool" if deviation.position_mm > 0.2 * deviation.orientation_mrad else "Tool turned"
-    where = f"from {deviation.begin_s:.1f} to {deviation.end_s:.1f} s"
+    where = f"from {deviation.begin_s - zero_s:.1f} to {deviation.end_s - zero_s:.1f} s"
     return Verdict(f"{subject} {_size(deviation)} off {where}: {text}.", cause)
 
 

@@ -24,7 +24,8 @@ from ik_node.report.atomic_write import WRITERS, check_suffix, write_report
 from ik_node.report.html import as_html
 from ik_node.report.reported_run import ReportedRun, names_of, read_reported_runs
 from ik_node.report.table import as_table, metric_rows
-from ik_node.report.timeline import state_intervals
+from ik_node.report.timeline import condition_spans, state_intervals
+from ik_node.report.verdict import verdict
 
 BAGS = [PROJECT / "bags" / name for name in ("plain", "limit", "singularity")]
 
@@ -58,8 +59,8 @@ def test_html_is_one_complete_file(several: tuple[ReportedRun, ...], stopped: Re
         text = as_html(reported_runs)
         page = ET.fromstring(text.split("\n", 1)[1])
         assert [section.get("id") for section in page.iter("section")] == [
-            "metrics",
             "plots",
+            "metrics",
             "timeline",
             "parameters",
             "versions",
@@ -74,6 +75,10 @@ def test_html_is_one_complete_file(several: tuple[ReportedRun, ...], stopped: Re
             assert reported.name in text
     assert "paused by &lt;b&gt;me&lt;/b&gt; &amp; you" in text
     assert "gravity_gradient" in text, "a parameter that differs from its default"
+    verdicts = [node.text for node in page.iter("p") if node.get("class") == "verdict"]
+    assert verdicts == [verdict(stopped.metrics).text]
+    (numbers,) = [section for section in page.iter("section") if section.get("id") == "metrics"]
+    assert all("".join(row[-1].itertext()) for row in numbers.iter("tr")), "every number has its meaning"
 
 
 def test_timeline_has_every_state_with_its_reason(stopped: ReportedRun) -> None:
@@ -85,6 +90,18 @@ def test_timeline_has_every_state_with_its_reason(stopped: ReportedRun) -> None:
     assert [entry.number for entry in found] == list(range(1, len(found) + 1))
     for first, second in itertools.pairwise(found):
         assert first.begin_s + first.duration_s == pytest.approx(second.begin_s)
+
+
+def test_slowed_and_given_up_times_are_marked(several: tuple[ReportedRun, ...]) -> None:
+    plain, limit, singularity = map(condition_spans, several)
+    assert (plain.slowed, plain.given_up) == ([], [])
+    slowed = sum(duration for _, duration in limit.slowed)
+    assert slowed == pytest.approx(several[1].metrics.scaling.slowed_s, abs=0.02)
+    given_up = sum(duration for _, duration in singularity.given_up)
+    assert given_up == pytest.approx(several[2].metrics.singularity.truncated_s, abs=0.02)
+    text = as_html(several)
+    assert "direction given up" in text
+    assert 'class="conditions"' in text
 
 
 def test_table_compares_several_recordings(several: tuple[ReportedRun, ...]) -> None:

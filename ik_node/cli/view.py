@@ -61,14 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _view_bag(options: argparse.Namespace) -> None:
     from ik_node.recording.run_reader import load_run
+    from ik_node.report import compute_metrics
     from ik_node.report.recorded_scene import read_obstacles
+    from ik_node.report.reported_run import stored_truth
     from ik_node.viewer.open_run import open_run
     from ik_node.viewer.server import serve
 
-    run = load_run(options.bag, options.node)
+    run, obstacles = load_run(options.bag, options.node), read_obstacles(options.bag, options.node)
+    metrics = compute_metrics(run, stored_truth(options.bag), obstacles=obstacles)
     server = serve(options.port, options.host)
     try:
-        page = open_run(server, run, str(options.bag), read_obstacles(options.bag, options.node))
+        page = open_run(server, run, str(options.bag), obstacles, metrics)
         _announce(options)(server)
         last_s = time.monotonic()
         while True:

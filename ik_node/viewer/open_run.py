@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,25 @@ from ik_node.errors import IkNodeError, RobotError
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.clearances import settings_of
+from ik_node.report.extremes import gradient_gains
+from ik_node.report.metrics import RunMetrics
+from ik_node.report.quantities import UNWEIGHTED
 from ik_node.report.recorded_scene import RecordedObstacles, scene_history
 from ik_node.robot.robot import Robot
 from ik_node.viewer import meshes
 from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.page import PageContent, ViewerPage
+from ik_node.viewer.status_html import verdict_html
 from ik_node.viewer.timeline import timeline_of
 
 
-def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles | None = None) -> ViewerPage:
+def open_run(
+    server: Any,
+    run: Run,
+    name: str = "",
+    obstacles: RecordedObstacles | None = None,
+    metrics: RunMetrics | None = None,
+) -> ViewerPage:
     """Builds the page of a recorded run.
 
     Args:
@@ -29,6 +40,7 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
         name: Path of the recording; its end is shown in the title.
         obstacles: Result of :func:`~ik_node.report.recorded_scene.read_obstacles`; without it, only the obstacles of
             the run's scene file are shown.
+        metrics: Metrics of the run, for its verdict; without them none is shown.
 
     Raises:
         RobotError: The robot model of the run is invalid.
@@ -44,18 +56,34 @@ def open_run(server: Any, run: Run, name: str = "", obstacles: RecordedObstacles
         notes += (f"Obstacle messages of the run are not shown: {recorded.missing}",)
     if not run.complete:
         notes += ("This recording is truncated; ik_repair completes it.",)
-    targets, timeline = _targets(run), timeline_of(run)
+    targets, timeline, gains = _targets(run), timeline_of(run), gradient_gains(run)
     content = PageContent(
         title=", ".join(filter(None, (run.robot or robot.name, "/".join(Path(name).parts[-2:])))),
         robot=robot,
         parts=parts,
         velocity_limits=run.velocity_limits,
-        mass_weighted=settings.control.method != "plain",
+        mass_weighted=settings.control.method != UNWEIGHTED,
+        gradient_gain=lambda time_s: float(gains[timeline.row(time_s)]),
         scene_at=scene_history(robot, first, recorded.arrivals, lambda time_s: run.q[timeline.row(time_s)]),
         targets=lambda: targets,
+        to_trajectory=None if metrics is None else _to_trajectory(metrics),
+        verdict_html="" if metrics is None else verdict_html(metrics),
         notes=notes,
     )
     return ViewerPage(server, content, lambda: timeline)
+
+
+def _to_trajectory(metrics: RunMetrics) -> Callable[[Array], Array] | None:
+    series = metrics.series
+    if series is None or not len(series.times_s):
+        return None
+    times_s, error = series.times_s, series.tool_to_trajectory.position
+
+    def at(query_s: Array) -> Array:
+        result: Array = np.interp(query_s, times_s, error)
+        return result
+
+    return at
 
 
 def load_meshes(robot: Robot, folders: tuple[str, ...] = ()) -> tuple[tuple[MeshPart, ...], tuple[str, ...]]:

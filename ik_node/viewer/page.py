@@ -31,8 +31,9 @@ REFERENCE_PERCENTILE = 98.0
 """Percentile of the norms of the multiplier that is drawn with the reference length; peaks are clipped."""
 PLOT_WINDOWS = {"whole run": 0.0, "10 s": 10.0, "2 s": 2.0, "0.5 s": 0.5}
 """Label -> time around the cursor that the plots show, s; 0: the whole run."""
-PLOTS_PX = 400
-CONTROLS_PX = 370
+PLOTS_PX = 300
+"""With the controls, less than half of a screen of 1280 px."""
+CONTROLS_PX = 300
 
 
 class PageContent(NamedTuple):
@@ -46,9 +47,15 @@ class PageContent(NamedTuple):
     """(n,), rad/s (m/s)."""
     mass_weighted: bool
     """Whether the multiplier has units of momentum."""
+    gradient_gain: Callable[[float], float]
+    """Time in s -> the gain k of the potential at that time."""
     scene_at: SceneAt
     targets: Callable[[], Array]
     """Positions of the targets received so far, (m, 3), m, in the base frame."""
+    to_trajectory: Callable[[Array], Array] | None = None
+    """Times (k,), s -> distance of the tool from the trajectory, (k,), m; None when it is not known."""
+    verdict_html: str = ""
+    """The verdict of a recorded run and what was done, as HTML."""
     notes: tuple[str, ...] = ()
     """Notes shown on the page, for example that the meshes are missing."""
     live: bool = False
@@ -104,7 +111,9 @@ class ViewerPage:
         panel = gui.add_panel()
         with panel.add_tab("Plots"):
             self._mode_bar = gui.add_html("")
-            shown = plots_for(self.content.robot.joints, self.content.velocity_limits, with_clearance)
+            shown = plots_for(
+                self.content.robot.joints, self.content.velocity_limits, with_clearance, self.content.to_trajectory
+            )
             self._plots = PlotPanel(self.server, shown)
             self._window = gui.add_dropdown("show", tuple(PLOT_WINDOWS), hint="Time range of the plots")
             self._window.on_update(lambda _: self.request_redraw())
@@ -113,6 +122,8 @@ class ViewerPage:
 
     def _build_controls(self) -> None:
         gui, playback = self.server.gui, self.playback
+        if self.content.verdict_html:
+            gui.add_html(self.content.verdict_html)
         for text in self.content.notes:
             gui.add_html(status_html.note_html(text))
         self._play = gui.add_button("Play", icon="player-play")
@@ -243,7 +254,11 @@ class ViewerPage:
                 else (("Live", "player-play") if content.live else ("Play", "player-play"))
             )
             self._status.content = status_html.frame_html(
-                frame, content.robot.joints, content.velocity_limits, content.mass_weighted
+                frame,
+                content.robot.joints,
+                content.velocity_limits,
+                content.mass_weighted,
+                content.gradient_gain(playback.time_s),
             )
             self._plots.draw(timeline, begin_s, end_s, playback.time_s)
 

@@ -12,12 +12,19 @@ from ik_node.report import quantities
 from ik_node.viewer import decimation
 from ik_node.viewer.timeline import Timeline
 
-CURSOR_COLOUR = "#d55e00"
+CURSOR_COLOUR = "#222222"
 LINE_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7a6f00", "#555555")
 HEIGHT_PX = 92
+LEGEND_PX = 40
 AXIS_PX = 46
+TOP_PX = 8
+"""Above the plots, so that the highest tick label is not cut."""
 TICK_SPACE_PX = 18
 """Minimum distance of the ticks of the vertical axis."""
+
+
+FROM_ZERO = (0.0, None)
+"""Range of a quantity that is never negative."""
 
 
 class PlotSpec(NamedTuple):
@@ -33,13 +40,19 @@ class PlotSpec(NamedTuple):
     height_px: int = HEIGHT_PX
 
 
-def plots_for(joints: tuple[str, ...], velocity_limits: Array, with_clearance: bool) -> tuple[PlotSpec, ...]:
+def plots_for(
+    joints: tuple[str, ...],
+    velocity_limits: Array,
+    with_clearance: bool,
+    to_trajectory: Callable[[Array], Array] | None = None,
+) -> tuple[PlotSpec, ...]:
     """The plots of an arm.
 
     Args:
         joints: Joint names.
         velocity_limits: (n,), rad/s (m/s); infinite for none.
         with_clearance: Whether the clearance is computed.
+        to_trajectory: Times (k,), s -> distance of the tool from the trajectory, (k,), m; None when it is not known.
     """
     limits = np.where(np.isfinite(velocity_limits) & (velocity_limits > 0.0), velocity_limits, np.nan)
 
@@ -52,14 +65,14 @@ def plots_for(joints: tuple[str, ...], velocity_limits: Array, with_clearance: b
         return PlotSpec(quantity.title, (label,), lambda timeline: quantity.scaled(values(timeline))[:, None], span)
 
     plots = [
-        plot(quantities.POSITION_ERROR, "error", lambda timeline: timeline.position_error, (0.0, None)),
+        _position_error(to_trajectory),
         PlotSpec(
             quantities.JOINT_SPEED.title,
             _short_names(joints),
             lambda timeline: quantities.JOINT_SPEED.scaled(timeline.joint_velocity / limits),
             height_px=HEIGHT_PX + 40,
         ),
-        plot(quantities.SMALLEST_SINGULAR_VALUE, "sigma_min", lambda timeline: timeline.sigma_min, (0.0, None)),
+        plot(quantities.SMALLEST_SINGULAR_VALUE, "sigma_min", lambda timeline: timeline.sigma_min, FROM_ZERO),
         plot(quantities.SCALE, "s", lambda timeline: timeline.scale, (0.0, 1.1)),
     ]
     plots.append(
@@ -67,12 +80,31 @@ def plots_for(joints: tuple[str, ...], velocity_limits: Array, with_clearance: b
             quantities.OFF_DIRECTION_LINEAR,
             "off the direction",
             lambda timeline: np.linalg.norm(timeline.off_direction_b[:, :3], axis=1),
-            (0.0, None),
+            FROM_ZERO,
         )
     )
     if with_clearance:
         plots.append(plot(quantities.CLEARANCE, "clearance", lambda timeline: timeline.clearance))
     return tuple(plots)
+
+
+def _position_error(to_trajectory: Callable[[Array], Array] | None) -> PlotSpec:
+    """The tool against the reference, and against the trajectory where that is known."""
+    quantity = quantities.TOOL_POSITION_ERROR
+
+    def to_reference(timeline: Timeline) -> Array:
+        result: Array = quantity.scaled(timeline.position_error)[:, None]
+        return result
+
+    if to_trajectory is None:
+        return PlotSpec(quantity.title, (quantities.TOOL_TO_REFERENCE,), to_reference, FROM_ZERO)
+
+    def both(timeline: Timeline) -> Array:
+        trajectory = quantity.scaled(to_trajectory(timeline.times_s))[:, None]
+        return np.hstack((trajectory, to_reference(timeline)))
+
+    labels = (quantities.TOOL_TO_TRAJECTORY, quantities.TOOL_TO_REFERENCE)
+    return PlotSpec(f"Position error [{quantity.unit}]", labels, both, FROM_ZERO, HEIGHT_PX + LEGEND_PX)
 
 
 def _short_names(joints: tuple[str, ...]) -> tuple[str, ...]:
@@ -98,11 +130,7 @@ class PlotPanel:
                 data=empty + tuple(np.zeros(2) for _ in range(len(plot.labels) + 1)),
                 series=_series(plot),
                 title=plot.title,
-                scales={
-                    "x": {"time": False},
-                    "now": {"range": (0.01, 1.0)},
-                    **({"y": {"range": plot.span}} if plot.span else {}),
-                },
+                scales=_scales(plot, False),
                 axes=(
                     {"size": 24 if len(plot.labels) == 1 else 38, "font": "10px sans-serif"},
                     {"size": AXIS_PX, "font": "10px sans-serif", "space": TICK_SPACE_PX},
@@ -110,10 +138,11 @@ class PlotPanel:
                 legend={"show": len(plot.labels) > 1, "live": False},
                 cursor={"sync": {"key": "time"}},
                 height=plot.height_px,
-                padding=(0, 10, 0, 0),
+                padding=(TOP_PX, 10, 0, 0),
             )
             for plot in plots
         ]
+        self._all_zero = [False] * len(plots)
         self._drawn: tuple[Timeline, float, float] | None = None
         self._lines: list[tuple[Array, Array]] = []
 
@@ -124,16 +153,31 @@ class PlotPanel:
         if self._drawn is None or self._drawn[0] is not timeline or self._drawn[1:] != (begin_s, end_s):
             self._lines = self._decimated(timeline, begin_s, end_s)
             self._drawn = (timeline, begin_s, end_s)
+            self._update_scales()
         for handle, (times, values) in zip(self._handles, self._lines, strict=True):
             if len(times) > 1:
                 cursor = np.zeros(len(times))
                 cursor[int(np.abs(times - now_s).argmin())] = 1.0
                 handle.data = (times, *values.T, cursor)
 
+    def _update_scales(self) -> None:
+        """Gives quantities that are zero everywhere a range of their own: uPlot would draw 0 to 100."""
+        for index, (plot, (_, values)) in enumerate(zip(self._plots, self._lines, strict=True)):
+            all_zero = plot.span == FROM_ZERO and not (values[np.isfinite(values)] > 0.0).any()
+            if all_zero != self._all_zero[index]:
+                self._all_zero[index] = all_zero
+                self._handles[index].scales = _scales(plot, all_zero)
+
     def _decimated(self, timeline: Timeline, begin_s: float, end_s: float) -> list[tuple[Array, Array]]:
         first, last = timeline.row(begin_s), int(np.searchsorted(timeline.times_s, end_s, side="right"))
         shown = timeline.section(first, last)
         return [_contiguous(*decimation.decimate(shown.times_s, plot.columns(shown))) for plot in self._plots]
+
+
+def _scales(plot: PlotSpec, all_zero: bool) -> dict[str, Any]:
+    span = (0.0, 1.0) if all_zero else plot.span
+    scales: dict[str, Any] = {"x": {"time": False}, "now": {"range": (0.01, 1.0)}}
+    return {**scales, "y": {"range": span}} if span else scales
 
 
 def _contiguous(times: Array, values: Array) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ import pinocchio as pin
 import pytest
 from browser import Browser, Picture
 from recorded_loop import finish, recorded_loop
+from support import PROJECT
 
 from ik_node.cli import view as view_cli
 from ik_node.collision.scene import Scene, obstacle, shape
@@ -37,6 +38,9 @@ from ik_node.messages.step_codec import CallKind
 from ik_node.recording.run import RecordedTargets, Run
 from ik_node.recording.run_reader import load_run
 from ik_node.report.recorded_scene import ClosestPointQuery, RecordedObstacles, SceneHistory, read_obstacles
+from ik_node.report.reported_run import read_reported_runs
+from ik_node.report.text import what_was_done
+from ik_node.report.verdict import verdict
 from ik_node.robot import catalogue
 from ik_node.robot.catalogue import robots_folder
 from ik_node.robot.robot import Robot
@@ -45,6 +49,7 @@ from ik_node.viewer import decimation, meshes, status_html
 from ik_node.viewer.open_run import open_run
 from ik_node.viewer.page import ViewerPage
 from ik_node.viewer.playback import Playback
+from ik_node.viewer.plots import plots_for
 from ik_node.viewer.server import serve, url_of
 from ik_node.viewer.timeline import TimelineBuffer, timeline_of
 
@@ -444,7 +449,7 @@ def test_moving_obstacles_are_extrapolated_between_messages() -> None:
 def test_recorded_texts_are_escaped(run: Run) -> None:
     """A recorded reason can contain any text."""
     frame = timeline_of(run).frame(len(run.times_s) - 1)
-    text = status_html.frame_html(frame, run.joints, run.velocity_limits, mass_weighted=True)
+    text = status_html.frame_html(frame, run.joints, run.velocity_limits, mass_weighted=True, gradient_gain=0.5)
     assert "<script" not in text
     assert "following &lt;script&gt;" in text
     assert "5.000 mm" in text
@@ -533,6 +538,31 @@ def test_recorded_obstacles_and_clearance_are_those_of_the_run(bag: Path, server
     closest = near_post.closest(run.q[row], post)
     assert closest is not None
     assert np.linalg.norm(closest.points_s[1, :2] - (0.4, 0.35)) == pytest.approx(0.04, abs=1e-6)
+
+
+def test_page_of_a_recording_opens_with_its_verdict(server: Any) -> None:
+    """And plots the error to the trajectory beside that to the reference, under the names of the report."""
+    (reported,) = read_reported_runs([PROJECT / "bags" / "limit"])
+    page = open_run(server, reported.run, "limit", metrics=reported.metrics)
+    text = page.content.verdict_html
+    assert verdict(reported.metrics).text in text
+    assert what_was_done(reported.metrics) in text
+    plot = plots_for(reported.run.joints, reported.run.velocity_limits, False, page.content.to_trajectory)[0]
+    assert plot.labels == ("tool to trajectory", "tool to reference")
+    found = plot.columns(timeline_of(reported.run)).max(axis=0)
+    assert reported.metrics.tracking is not None
+    assert found[0] == pytest.approx(reported.metrics.tracking.overall.position_max_mm, rel=1e-3)
+    assert "slowed" in status_html.mode_bar_html(timeline_of(reported.run), 0, 0)
+
+
+def test_potential_term_is_shown_as_a_wrench() -> None:
+    """Divided by the gain k, as in the report."""
+    run = load_run(PROJECT / "bags" / "gravity_gradient")
+    frame = timeline_of(run).frame(100)
+    text = status_html.frame_html(frame, run.joints, run.velocity_limits, mass_weighted=True, gradient_gain=0.5)
+    force = np.linalg.norm(frame.multiplier_potential[:3]) / 0.5
+    assert force > 1.0
+    assert f"{force:.3f} N<" in text
 
 
 def test_command_line_serves_a_recording(bag: Path) -> None:

@@ -16,6 +16,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from ik_node.report.quantities import UNWEIGHTED
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
@@ -106,12 +107,14 @@ def _wait_for_joint_state(timeline: LiveTimeline, begin_s: float) -> None:
 def _page(server: Any, node: LiveViewListener, timeline: LiveTimeline, settings: Settings) -> ViewerPage:
     robot = timeline.robot
     parts, notes = load_meshes(robot, settings.obstacles.package_path)
+    gain = settings.control.gradient_gain
     content = PageContent(
         title=f"{settings.arm.robot or robot.name}, live from {node.watched}",
         robot=robot,
         parts=parts,
         velocity_limits=motion_limits(robot, settings.limits, settings.control.rate_hz).velocity,
-        mass_weighted=settings.control.method != "plain",
+        mass_weighted=settings.control.method != UNWEIGHTED,
+        gradient_gain=lambda _: gain,
         scene_at=timeline.scenes,
         targets=lambda: np.array(timeline.targets, dtype=np.float64).reshape(-1, 3),
         notes=notes,

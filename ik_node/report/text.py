@@ -125,7 +125,7 @@ def _tracking(tracking: TrackingMetrics) -> list[str]:
     )
     return [
         f"{after:<34}{'position [mm]':>20}{'orientation [mrad]':>24}",
-        f"{f'trajectory: {tracking.against}':<34}{'RMS':>10}{'max':>10}{'RMS':>14}{'max':>10}",
+        f"{f'against the {tracking.against}':<34}{'RMS':>10}{'max':>10}{'RMS':>14}{'max':>10}",
         *(_errors(label, errors) for label, errors in rows),
         f"lag          position {_ms(tracking.lag_position_ms)}, rotation {_ms(tracking.lag_rotation_ms)}; residual "
         f"{tracking.position_rms_without_lag_mm:.3f} mm, {tracking.orientation_rms_without_lag_mrad:.3f} mrad",

@@ -595,7 +595,7 @@ def test_command_line_reports_errors(tmp_path: Path, capsys: pytest.CaptureFixtu
 # --- in a browser ----------------------------------------------------------------------------------------------------
 
 WIDTH, HEIGHT = 1060, 440
-LEFT, RIGHT = 400, 370
+LEFT, RIGHT = 300, 300
 
 
 def scene_of(picture: Picture) -> Picture:

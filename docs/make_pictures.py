@@ -18,7 +18,8 @@ from PIL import Image
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "test"))
 
-from browser import Browser  # noqa: E402  of the tests
+# These imports need the path of the tests, which is set above.
+from browser import Browser  # noqa: E402
 
 from ik_node.cli import demo  # noqa: E402
 from ik_node.recording.run_reader import load_run  # noqa: E402

@@ -113,6 +113,7 @@ def record(
 ) -> None:
     """Record the loop from now on; ``timer_ns``: clock of the computing times."""
     caller = RecordedCaller(loop.controller, directory, loop.now, options, timer_ns)
+    # RecordedCaller has the methods of a Controller that a Loop calls, but is none.
     loop.controller = caller  # type: ignore[assignment]
 
 

@@ -1,7 +1,7 @@
 """Default tool frame: the end of the longest chain of joints that move an arm, not a gripper.
 
 A gripper ends the longest chain of most URDFs. Its joints follow another driver and must not take part in the arm's
-motion. The last joints of the chain are a gripper's if one of four facts says so:
+motion. The last joints of the chain are those of a gripper if one of four conditions holds:
 
 - a joint mimics another, or is mimicked by one that is not above the tool (coupled fingers);
 - the link that carries it carries further chains of joints that are short or many (the fingers of a hand);

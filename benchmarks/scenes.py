@@ -53,7 +53,7 @@ def run_scene(
     clearance = list[float]()
 
     def measure(moment: ArmState) -> None:
-        clearance.append(query.measure(moment.q, np.zeros(query.pairs))[1].distance)
+        clearance.append(query.measure(moment.q, 0.0)[1].distance)
 
     run = follow(robot, scene_case.target, scene_case.q, solver.solve_twist, duration_s, observe=measure)
     return SceneRun(run, np.array(clearance))
@@ -101,7 +101,7 @@ def scene_case(
         smallest, tool, first = np.inf, np.inf, np.inf
         query.set_scene(made, 0)
         for row in range(0, len(run.q), 20):
-            near, _ = query.measure(run.q[row], np.full(query.pairs, 1.0))
+            near, _ = query.measure(run.q[row], 1.0)
             for pair, distance in zip(near.pair, near.distance.tolist(), strict=True):
                 smallest = min(smallest, distance)
                 first = min(first, distance) if row == 0 else first

@@ -31,7 +31,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.collision.distance_kernels import Indices, NearPairs, approach_speed_bounds
+from ik_node.collision.distance_bounds import Indices, Limits
+from ik_node.collision.distance_kernels import NearPairs
 from ik_node.collision.distances import ClosestPair, DistanceQuery
 from ik_node.collision.scene import Scene
 from ik_node.collision.velocity_damper import VelocityDampers
@@ -133,7 +134,7 @@ def velocity_dampers(
         settings.approach_deceleration,
         hold_s,
     )
-    names = tuple(" - ".join(distances.names(near.pair[row])) for row in can_bind.tolist())
+    names = tuple(" - ".join(distances.names(pair)) for pair in near.pair[can_bind].tolist())
     return VelocityDampers(rows, least, names)
 
 
@@ -162,44 +163,6 @@ def _dampers(
         can_bind[row] = not slowest >= least[row]
     which = np.flatnonzero(can_bind)
     return which, slope[which], least[which]
-
-
-@compiled
-def _within(
-    motion: Array,
-    change: Array,
-    jacobian: Array,
-    moves: Array,
-    centres: Array,
-    radii: Array,
-    obstacle_speeds: Array,
-    firsts: Indices,
-    seconds: Indices,
-    reach: Array,
-    own: Array,
-    self_range: float,
-    obstacle_range: float,
-    self_stop: float,
-    stop: float,
-    damper_range: float,
-    deceleration: float,
-    hold_s: float,
-) -> Array:
-    """(pairs,): distances within which pairs matter for the potential (its ranges, or 0) or for the dampers, m.
-
-    ``motion`` to ``reach``: arguments of :func:`ik_node.collision.distance_kernels.approach_speed_bounds`.
-    """
-    speeds = approach_speed_bounds(
-        motion, change, jacobian, moves, centres, radii, obstacle_speeds, firsts, seconds, reach
-    )
-    within = np.empty(len(speeds))
-    for pair in range(len(speeds)):
-        speed, is_own = speeds[pair], own[pair] > 0.0
-        # At a larger distance the pair cannot approach so fast that it could no longer stop.
-        needed = speed * (0.5 * speed / deceleration + 1.5 * hold_s) + (self_stop if is_own else stop)
-        repelled = self_range if is_own else obstacle_range
-        within[pair] = np.maximum(repelled, np.minimum(needed, damper_range))
-    return within
 
 
 def avoidance_terms(
@@ -231,20 +194,11 @@ def avoidance_terms(
     """
     distances.set_scene(scene, time_ns)
     ranges = (settings.repulsion_range[1], settings.repulsion_range[0]) if repel else (0.0, 0.0)
-    if settings.velocity_damper and distances.pairs:
-        within = _within(
-            *distances.motions(q, qd, change),
-            distances.self_pairs(),
-            *ranges,
-            settings.stop_distance[1],
-            settings.stop_distance[0],
-            DAMPER_RANGE_M,
-            settings.approach_deceleration,
-            hold_s,
-        )
-    else:
-        within = _ranges(distances.self_pairs(), *ranges)
-    count = distances.query(q, within)
+    limits = Limits(*ranges)
+    if settings.velocity_damper:
+        stop, own_stop = settings.stop_distance
+        limits = Limits(*ranges, own_stop, stop, DAMPER_RANGE_M, settings.approach_deceleration, hold_s)
+    count = distances.query(q, limits, qd, change)
     dampers = (
         velocity_dampers(distances, count, qd, change, settings, hold_s)
         if settings.velocity_damper
@@ -253,18 +207,11 @@ def avoidance_terms(
     potential = repulsion(distances.rows, count, settings) if repel else _no_potential(len(q))
     if repel and any(qd.tolist()):
         predicted = distances.predicted
-        predicted.set_scene(scene, time_ns + round(LOOK_AHEAD_S * NS))
-        within = _ranges(distances.self_pairs(), *ranges)
-        count = predicted.query(q + LOOK_AHEAD_S * qd, within, closest=False)
+        predicted.set_scene(scene, time_ns + round(LOOK_AHEAD_S * NS), distances.arrays)
+        count = predicted.query(q + LOOK_AHEAD_S * qd, Limits(*ranges), qd, change, closest=False)
         later = repulsion(predicted.rows, count, settings)
         potential = Potential(potential.value + later.value, potential.gradient + later.gradient)
     return AvoidanceTerms(potential, dampers, distances.closest())
-
-
-@compiled
-def _ranges(own: Array, self_range: float, obstacle_range: float) -> Array:
-    """(pairs,): ranges of the potential, m."""
-    return np.where(own > 0.0, self_range, obstacle_range)
 
 
 @cache

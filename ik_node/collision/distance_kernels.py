@@ -1,14 +1,6 @@
-"""Compiled functions on pairs of solids: bounds of the approach speed, pairs to compute, gradients of distances.
+"""Compiled functions on the computed distances of pairs: their storage, and the gradients of those that are near.
 
-Solids are indexed: first the links of the arm, then the obstacles. All vectors are expressed in the root frame of the
-model. ``firsts`` and ``seconds`` (pairs,) are the indices of the solids of a pair; ``moves`` (solids, m) is 1 where a
-moving joint moves a solid; ``reach`` (pairs, n) bounds the change of a distance per joint motion, m per rad (1 for m).
-
-The state of the distance computation consists of four arrays: ``bound`` (pairs,), m, a lower bound of each distance;
-``fresh`` (pairs,), True where the bound is the distance at the present q; and, valid where fresh, ``normals``
-(pairs, 3), unit vectors from the first to the second solid, and ``points`` (pairs, 2, 3), m, the nearest points.
-
-The arrays are separate arguments because packing them into a NamedTuple takes longer than these functions.
+Solids, pairs and arrays are those of :mod:`.distance_bounds`.
 """
 
 from __future__ import annotations
@@ -16,22 +8,25 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ik_node.collision.distance_bounds import Indices, next_closest
 from ik_node.jit import compiled
 from ik_node.math.types import Array
-
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 MAX_DISTANCE_M = 1e6
 """A result of a larger magnitude, m, is not a valid distance."""
 
-ALL_MEASURED, NO_PAIR_NEAR = -1, -2
-"""Values returned instead of the index of a pair; see :func:`next_pair`."""
-
 UNIT_TOLERANCE = 1e-3
 """Largest deviation of the squared norm of a normal from 1."""
+
+DISTANCE, NORMAL, FIRST, SECOND = 0, 1, 4, 7
+"""Columns of the results of :class:`ik_node.collision.convex_distances.ConvexDistances`."""
+
+FIRST_GUESS = (1.0, 0.0, 0.0, 0.0)
+"""Direction from which GJK starts, and the bits of the two corners from which it starts, both 0."""
+
+NOT_COMPUTED = float(np.finfo(np.float64).max)
+"""Distance of a result before its computation: coal keeps the smaller one."""
 
 
 class NearPairs(NamedTuple):
@@ -50,185 +45,127 @@ class NearPairs(NamedTuple):
 
 
 @compiled
-def store_obstacle_motion(
-    new_pose: Array,
-    old_pose: Array,
-    velocity: Array,
-    spin: Array,
-    reach: float,
-    root_base: Array,
-    obstacle: int,
-    speeds: Array,
-    motions: Array,
-) -> float:
-    """Stores the motion of an obstacle; returns the largest displacement of its points since the old pose, m.
-
-    ``new_pose``, ``old_pose`` (4, 4), ``velocity``, ``spin`` (3,) are expressed in the base frame; ``root_base`` (4, 4)
-    is its pose in the root frame. ``reach``: largest distance of a point from the obstacle's origin, m. Written are
-    ``speeds`` (obstacles,), upper bounds of the speeds of all points, m/s, and ``motions`` (obstacles, 3, 3): velocity,
-    angular velocity and origin in the root frame.
-    """
-    speeds[obstacle] = _norm(velocity) + _norm(spin) * reach
-    for axis in range(3):
-        row = root_base[axis]
-        motions[obstacle, 0, axis] = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2]
-        motions[obstacle, 1, axis] = row[0] * spin[0] + row[1] * spin[1] + row[2] * spin[2]
-        place = row[0] * new_pose[0, 3] + row[1] * new_pose[1, 3] + row[2] * new_pose[2, 3]
-        motions[obstacle, 2, axis] = place + row[3]
-    turned = moved = 0.0
-    for row_number in range(3):
-        for column in range(3):
-            turned += (new_pose[row_number, column] - old_pose[row_number, column]) ** 2
-        moved += (new_pose[row_number, 3] - old_pose[row_number, 3]) ** 2
-    return float(np.sqrt(moved) + np.sqrt(turned) * reach)
-
-
-@compiled
-def _norm(vector: Array) -> float:
-    return float(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]))
-
-
-@compiled
-def decrease_bounds_of_solid(solid: int, motion: float, seconds: Indices, bound: Array) -> None:
-    """Decreases the bounds of the pairs whose second solid is ``solid``, which has moved by ``motion``, m."""
-    for pair in range(len(bound)):
-        if seconds[pair] == solid:
-            bound[pair] -= motion
-
-
-@compiled
-def approach_speed_bounds(
-    motion: Array,
-    change: Array,
-    jacobian: Array,
-    moves: Array,
-    centres: Array,
-    radii: Array,
-    obstacle_speeds: Array,
-    firsts: Indices,
-    seconds: Indices,
-    reach: Array,
-) -> Array:
-    """Upper bounds of the rates at which the distances can decrease.
-
-    Args:
-        motion: Velocities of the moving joints, (m,), rad/s (m/s).
-        change: Largest difference of the velocities of the controlled joints from those, (n,), rad/s (m/s).
-        jacobian: Twists per joint velocity, (m, 6), linear part first, in the root frame.
-        moves: 1 where a joint moves a link, (links, m).
-        centres: Centres of the links' bounding spheres, (links, 3), m.
-        radii: Their radii, (links,), m.
-        obstacle_speeds: Upper bounds of the obstacles' speeds, (obstacles,), m/s.
-        firsts: Index of the first solid of each pair, (pairs,).
-        seconds: Index of the second solid of each pair, (pairs,).
-        reach: Bound of the change of distance per joint motion, (pairs, n), m per rad (1 for m).
-
-    Returns:
-        The bounds, (pairs,), m/s.
-    """
-    links, twist = len(radii), np.empty(6)
-    fastest = np.empty(links + len(obstacle_speeds))
-    fastest[links:] = obstacle_speeds
-    for link in range(links):
-        twist[:] = 0.0
-        for joint in range(len(motion)):
-            if moves[link, joint] != 0.0:
-                for row in range(6):
-                    twist[row] += motion[joint] * jacobian[joint, row]
-        spin, x, y, z = twist[3:], centres[link, 0], centres[link, 1], centres[link, 2]
-        vx = twist[0] + (spin[1] * z - spin[2] * y)
-        vy = twist[1] + (spin[2] * x - spin[0] * z)
-        vz = twist[2] + (spin[0] * y - spin[1] * x)
-        fastest[link] = np.sqrt(vx * vx + vy * vy + vz * vz) + _norm(spin) * radii[link]
-    speeds = np.empty(len(firsts))
-    for pair in range(len(firsts)):
-        changed = 0.0
-        for joint in range(len(change)):
-            changed += reach[pair, joint] * change[joint]
-        speeds[pair] = fastest[firsts[pair]] + fastest[seconds[pair]] + changed
-    return speeds
-
-
-@compiled
-def decrease_bounds(motion: Array, reach: Array, bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
-    """Decreases the bounds by a motion of the controlled joints, (n,), and marks all pairs as not fresh; returns the
-    first pair to compute, see :func:`next_pair`."""
-    for pair in range(len(bound)):
-        moved = 0.0
-        for joint in range(len(motion)):
-            moved += reach[pair, joint] * abs(motion[joint])
-        bound[pair] -= moved
-        fresh[pair] = False
-    return next_pair(bound, fresh, within, closest)
-
-
-@compiled
-def next_pair(bound: Array, fresh: Flags, within: Array, closest: bool) -> int:
-    """Index of the next pair whose distance must be computed.
-
-    These are the pairs whose bound is below ``within`` (pairs,), m, and then, with ``closest``, the pairs that may be
-    nearer than the closest one found so far. When none is left, returns :data:`ALL_MEASURED`, or :data:`NO_PAIR_NEAR`
-    if no computed pair is nearer than ``within``.
-    """
-    left = NO_PAIR_NEAR
-    for pair in range(len(bound)):
-        # NaN counts as near.
-        if not bound[pair] >= within[pair]:
-            if not fresh[pair]:
-                return pair
-            left = ALL_MEASURED
-    if closest:
-        nearest = int(np.argmin(bound))
-        if not fresh[nearest]:
-            return nearest
-    return left
-
-
-@compiled
-def store_measurement(
-    pair: int,
-    distance: float,
-    normal: Array,
-    first: Array,
-    second: Array,
-    origins: Array,
-    firsts: Indices,
-    seconds: Indices,
-    bound: Array,
-    fresh: Flags,
+def store_distances(
+    begin: int,
+    end: int,
+    results: Array,
+    guesses: Array,
+    listed: Indices,
+    places: Array,
+    obstacle_places: Array,
+    travel: Array,
+    obstacle_travel: Array,
+    key: Array,
+    tick: int,
+    computed: Indices,
+    distances: Array,
     normals: Array,
     points: Array,
-    within: Array,
     closest: bool,
-) -> int:
-    """Stores the distance of a pair; returns the next pair to compute, see :func:`next_pair`.
+    capsules: Array,
+    firsts: Indices,
+    seconds: Indices,
+    links: Indices,
+    obstacle_capsules: Array,
+    level: Array,
+    closed: Indices,
+) -> tuple[int, int]:
+    """Stores the computed distances of the rows ``begin`` to ``end`` of ``listed``.
 
-    ``normal``, ``first``, ``second`` (3,): direction and nearest points. ``origins`` (solids, 3), m: of the solids.
+    With ``closest``, writes a pair that may be nearer than all of these rows into the row ``end`` of ``listed``.
+
+    Args:
+        begin: First row.
+        end: Row behind the last one.
+        results: Distance, normal, and nearest points of each row, see :data:`DISTANCE`; made ready for the next ones.
+        guesses: Written: :data:`FIRST_GUESS`. coal would start from the end of the last computation, which changes the
+            last digits (up to 1e-6 m).
+        listed: Pairs and their solids, (pairs, 3).
+        places: Places of the links, (links, 12).
+        obstacle_places: Places of the obstacles, (obstacles, 12).
+        travel: Travel of the links, (links + 1,), m.
+        obstacle_travel: Travel of the obstacles, (obstacles,), m.
+        key: Updated: bounds, (pairs,), m.
+        tick: Number of this query.
+        computed: Written: number of the query in which a pair was computed last, (pairs,).
+        distances: Written: (pairs,), m.
+        normals: Written: unit vectors from the first to the second solid, (pairs, 3).
+        points: Written: nearest points, (pairs, 2, 3), m.
+        closest: False when the closest pair is not wanted.
+        capsules: Bounding capsules of the links, (links, 7).
+        firsts: First link of each pair of links, (P,).
+        seconds: Second link of each pair of links, (P,).
+        links: Links that are paired with obstacles.
+        obstacle_capsules: Bounding capsules of the obstacles, (obstacles, 7).
+        level: Updated: bounds of the obstacles, (obstacles,), m.
+        closed: Updated: number of the query in which no further pair of an obstacle can be the closest, (obstacles,).
+
+    Returns:
+        The number of listed pairs, and the row of the closest computed pair, of equal ones that with the lowest index;
+        -1 for none.
     """
-    square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
-    if abs(distance) < MAX_DISTANCE_M and abs(square - 1.0) < UNIT_TOLERANCE:
-        bound[pair], normals[pair], points[pair, 0], points[pair, 1] = distance, normal, first, second
-    else:
-        # EPA can fail in deep penetration. Then the distance is 0 and the normal points from origin to origin.
-        start, end = origins[firsts[pair]], origins[seconds[pair]]
-        apart = end - start
-        bound[pair], normals[pair] = 0.0, apart / np.maximum(_norm(apart), 1e-9)
-        points[pair, 0], points[pair, 1] = start, end
-    fresh[pair] = True
-    return next_pair(bound, fresh, within, closest)
+    count = len(places)
+    for row in range(begin, end):
+        pair, first, second = listed[row]
+        found = results[row]
+        square = 0.0
+        for axis in range(3):
+            square += found[NORMAL + axis] * found[NORMAL + axis]
+        if abs(found[DISTANCE]) < MAX_DISTANCE_M and abs(square - 1.0) < UNIT_TOLERANCE:
+            distances[row] = found[DISTANCE]
+            for axis in range(3):
+                normals[row, axis] = found[NORMAL + axis]
+                points[row, 0, axis], points[row, 1, axis] = found[FIRST + axis], found[SECOND + axis]
+        else:
+            # EPA can fail in deep penetration. Then the distance is 0 and the normal points from origin to origin.
+            start = places[first, 9:]
+            stop = places[second, 9:] if second < count else obstacle_places[second - count, 9:]
+            apart = stop - start
+            distances[row], normals[row] = 0.0, apart / np.maximum(_norm(apart), 1e-9)
+            points[row, 0], points[row, 1] = start, stop
+        gone = travel[second] if second < count else obstacle_travel[second - count]
+        key[pair] = distances[row] + travel[first] + gone
+        computed[pair] = tick
+        found[DISTANCE] = NOT_COMPUTED
+        for number in range(4):
+            guesses[row, number] = FIRST_GUESS[number]
+    best = -1
+    for row in range(end):
+        is_first = best < 0 or listed[row, 0] < listed[best, 0]
+        if best < 0 or distances[row] < distances[best] or (is_first and distances[row] == distances[best]):
+            best = row
+    if closest:
+        nearest = distances[best] if best >= 0 else np.inf
+        end = next_closest(
+            end,
+            nearest,
+            tick,
+            capsules,
+            firsts,
+            seconds,
+            links,
+            obstacle_capsules,
+            travel,
+            obstacle_travel,
+            key,
+            level,
+            computed,
+            closed,
+            listed,
+        )
+    return end, best
 
 
 @compiled
 def collect_near_pairs(
+    count: int,
+    listed: Indices,
     within: Array,
     jacobian: Array,
     ratio: Array,
     moves: Array,
-    obstacle_motions: Array,
-    firsts: Indices,
-    seconds: Indices,
-    bound: Array,
-    fresh: Flags,
+    motions: Array,
+    distances: Array,
     normals: Array,
     points: Array,
     pairs: Indices,
@@ -237,32 +174,40 @@ def collect_near_pairs(
     drift: Array,
     own: Array,
 ) -> int:
-    """Writes the pairs nearer than ``within`` (pairs,) into the first rows of the arrays of a :class:`NearPairs`
-    (``pairs`` to ``own``); returns their number.
+    """Writes those of the first ``count`` listed pairs that are nearer than ``within`` (pairs,) into the first rows of
+    the arrays of a :class:`NearPairs` (``pairs`` to ``own``); returns their number.
 
     ``jacobian`` (m, 6): twists per joint velocity. ``ratio`` (m, n): motion of the moving joints per controlled joint.
-    ``obstacle_motions`` (obstacles, 3, 3): see :func:`store_obstacle_motion`.
+    ``motions`` (obstacles, 3, 3): velocity, angular velocity and origin, see :func:`place_obstacles`.
     """
     m, n = ratio.shape
-    links, row = len(moves) - len(obstacle_motions), 0
-    for pair in range(len(bound)):
-        if not fresh[pair] or bound[pair] >= within[pair]:
+    links, row = len(moves), 0
+    for number in range(count):
+        if distances[number] >= within[number]:
             continue
-        pairs[row], distance[row] = pair, bound[pair]
-        normal, first, second = normals[pair], points[pair, 0], points[pair, 1]
+        pair, first, second = listed[number]
+        pairs[row], distance[row] = pair, distances[number]
+        normal, start, end = normals[number], points[number, 0], points[number, 1]
         slope[row] = 0.0
         for joint in range(m):
             twist = jacobian[joint]
-            towards = moves[seconds[pair], joint] * _speed_along(normal, second, twist)
-            towards -= moves[firsts[pair], joint] * _speed_along(normal, first, twist)
+            towards = 0.0
+            if second < links:
+                towards += moves[second, joint] * _speed_along(normal, end, twist)
+            towards -= moves[first, joint] * _speed_along(normal, start, twist)
             for controlled in range(n):
                 slope[row, controlled] += towards * ratio[joint, controlled]
-        if seconds[pair] < links:
+        if second < links:
             own[row], drift[row] = 1.0, 0.0
         else:
-            own[row], drift[row] = 0.0, _drift(normal, second, obstacle_motions[seconds[pair] - links])
+            own[row], drift[row] = 0.0, _drift(normal, end, motions[second - links])
         row += 1
     return row
+
+
+@compiled
+def _norm(vector: Array) -> float:
+    return float(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]))
 
 
 @compiled
@@ -276,7 +221,7 @@ def _speed_along(normal: Array, point: Array, twist: Array) -> float:
 
 @compiled
 def _drift(normal: Array, point: Array, motion: Array) -> float:
-    """Speed of a point of an obstacle along the normal; ``motion`` (3, 3): see :func:`store_obstacle_motion`."""
+    """Speed of a point of an obstacle along the normal; ``motion`` (3, 3): velocity, angular velocity and origin."""
     velocity, spin, lever = motion[0], motion[1], point - motion[2]
     drift = normal[0] * (velocity[0] + (spin[1] * lever[2] - spin[2] * lever[1]))
     drift += normal[1] * (velocity[1] + (spin[2] * lever[0] - spin[0] * lever[2]))
@@ -284,12 +229,11 @@ def _drift(normal: Array, point: Array, motion: Array) -> float:
 
 
 @compiled
-def closest_pair(bound: Array, points: Array, pose: Array) -> tuple[int, float, Array]:
-    """Closest pair, its distance, and its nearest points (2, 3) in the base frame; ``pose`` (4, 4): the root."""
-    pair = int(np.argmin(bound))
-    nearest = np.empty((2, 3))
+def in_base(points: Array, pose: Array) -> Array:
+    """Points (2, 3) in the base frame; ``pose`` (4, 4): the root frame in the base frame."""
+    placed = np.empty((2, 3))
     for end in range(2):
-        x, y, z = points[pair, end, 0], points[pair, end, 1], points[pair, end, 2]
+        x, y, z = points[end, 0], points[end, 1], points[end, 2]
         for axis in range(3):
-            nearest[end, axis] = x * pose[axis, 0] + y * pose[axis, 1] + z * pose[axis, 2] + pose[axis, 3]
-    return pair, float(bound[pair]), nearest
+            placed[end, axis] = x * pose[axis, 0] + y * pose[axis, 1] + z * pose[axis, 2] + pose[axis, 3]
+    return placed

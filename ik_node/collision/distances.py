@@ -1,8 +1,9 @@
 """Distances between links, and between links and obstacles.
 
-Each pair keeps a lower bound of its distance. A joint motion dq decreases the bound by ``reach`` |dq|, and the motion
-of an obstacle decreases it by the distance travelled. Only pairs whose bound is below the requested range are computed
-again. The results (all pairs within their range, and the closest pair) are exact and do not depend on earlier queries.
+Each pair keeps a lower bound of its distance: that of the capsules around its solids, or its last computed distance
+less the motion of both solids since then (:mod:`.distance_bounds`). Only pairs whose bound is below the requested
+range are computed, by coal (:mod:`.convex_distances`). The results (all pairs within their range, and the closest pair)
+are exact and do not depend on earlier queries.
 
 The distance d of a pair increases along n, the unit vector from its first to its second solid, also in penetration
 (d < 0)::
@@ -21,27 +22,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ik_node.collision.distance_kernels import (
-    NO_PAIR_NEAR,
-    Indices,
-    NearPairs,
-    closest_pair,
-    collect_near_pairs,
-    decrease_bounds,
-    decrease_bounds_of_solid,
-    store_measurement,
-    store_obstacle_motion,
-)
+from ik_node.collision.convex_distances import ConvexDistances
+from ik_node.collision.distance_bounds import MARGIN_M, Limits, find_near_pairs
+from ik_node.collision.distance_kernels import NearPairs, collect_near_pairs, in_base, store_distances
 from ik_node.collision.geometry import CollisionGeometry
-from ik_node.collision.pair_selection import Link, add
-from ik_node.collision.scene import Obstacle, Scene, Shape
+from ik_node.collision.obstacle_arrays import ObstacleArrays, obstacle_arrays, place_obstacles
+from ik_node.collision.pair_selection import add
+from ik_node.collision.scene import EXTRAPOLATION_S, MAX_GAP_S, Scene
 from ik_node.math.types import Array
-
-Motions = tuple[Array, Array, Array, Array, Array, Array, Array, Indices, Indices, Array]
-
-TOLERANCE = 1e-9
-"""Tolerance of GJK, m2. Distances of cylinders are then accurate to about 1e-9 m, those of flat solids and spheres to
-rounding. The tolerance of EPA stays at its default of 1e-6: EPA fails in deep penetration with a smaller one."""
 
 
 class ClosestPair(NamedTuple):
@@ -61,154 +49,116 @@ class DistanceQuery:
     def __init__(self, geometry: CollisionGeometry) -> None:
         """Starts without obstacles; see :meth:`set_scene`."""
         self.geometry = geometry
-        robot = geometry.robot
+        robot, count = geometry.robot, len(geometry.links)
         self._base_root = np.ascontiguousarray(robot.pose_base_root)
+        self._base_is_root = bool((robot.pose_base_root == np.eye(4)).all())
         self._root_base: Array = np.ascontiguousarray(np.linalg.inv(robot.pose_base_root))
         self._names = geometry.names()
-        self._link_moves = geometry.moves.astype(float)
+        self._moves = geometry.moves.astype(float)
         self._ratio = np.ascontiguousarray(np.column_stack([robot.motion(alone) for alone in np.eye(robot.n)]))
-        # Bounding sphere of each link, centred at a point fixed in the frame of its joint.
-        self._centres = [0.5 * (link.points.min(axis=0) + link.points.max(axis=0)) for link in geometry.links]
-        self._radii = np.array(
-            [_radius(link, centre) for link, centre in zip(geometry.links, self._centres, strict=True)]
-        )
-        self._predicted: DistanceQuery | None = None
+        self._still = np.zeros(robot.n)
         self._q = np.zeros(robot.n)
         self._turns = bool(robot.continuous.any())
+        self._own = geometry.watched()
+        self._firsts, self._seconds = np.array(self._own, dtype=np.int64).reshape(-1, 2).T.copy()
+        self._links = np.flatnonzero(geometry.moves.any(axis=1))
+        self._model = pin.GeometryModel()
+        for link in geometry.links:
+            add(self._model, link.name, link.parent, link.solid, link.placement)
+        self._data = pin.GeometryData(self._model)
+        self._places = _places(self._data)
+        self._placed_at = b""
+        self._capsules, self._travel = np.zeros((count, 7)), np.zeros(count + 1)
+        self._distances = ConvexDistances([link.solid for link in geometry.links])
+        self._transforms: list[Any] = [coal.Transform3s() for _ in geometry.links]
+        """Of links, then of obstacles; None for an obstacle that has moved."""
+        self._parts = [(place[:9].reshape(3, 3).T, place[9:]) for place in self._places]
+        self._transformed = [0] * count
+        self._tick = 0
+        self._predicted: DistanceQuery | None = None
         self._scene = Scene()
-        self._entries: tuple[Obstacle, ...] = ()
-        self._moving: list[int] = []
-        self._build([])
+        self._time_ns = 0
+        self.arrays: ObstacleArrays
+        """The obstacles."""
+        self._build(obstacle_arrays(self._scene))
 
     def names(self, pair: int) -> tuple[str, str]:
         """Names of the link and of the other link or obstacle of a pair."""
-        return self._pair_names[pair]
+        if pair < len(self._own):
+            first, second = self._own[pair]
+            return self._names[first], self._names[second]
+        obstacle, place = divmod(int(pair) - len(self._own), len(self._links))
+        return self._names[self._links[place]], self.arrays.names[obstacle]
 
-    def set_scene(self, scene: Scene, time_ns: int) -> None:
+    def set_scene(self, scene: Scene, time_ns: int, arrays: ObstacleArrays | None = None) -> None:
         """Sets the obstacles, and extrapolates moving ones to a monotonic time.
 
         Args:
             scene: The obstacles.
             time_ns: Monotonic time at which the distances are queried, ns.
+            arrays: :attr:`arrays` of another query with this scene.
         """
-        entries = self._entries
         if scene is self._scene:
-            for index in self._moving:
-                self._move(index, entries[index].at(time_ns))
+            if len(self.arrays.moving) and time_ns != self._time_ns:
+                self._place_obstacles(self.arrays.moving, time_ns)
             return
-        self._scene, self._entries = scene, tuple(scene.obstacles.values())
-        self._moving = [index for index, entry in enumerate(self._entries) if entry.moves]
-        current = [entry.at(time_ns) for entry in self._entries]
-        same = len(current) == len(self._obstacles) and all(
-            new.name == old.name and new.shape == old.shape for new, old in zip(current, self._obstacles, strict=True)
+        arrays = obstacle_arrays(scene) if arrays is None else arrays
+        if arrays.names == self.arrays.names and arrays.shapes == self.arrays.shapes:
+            self.arrays = arrays
+        else:
+            self._build(arrays)
+        self._scene = scene
+        self._place_obstacles(np.arange(len(arrays.names)), time_ns)
+
+    def _build(self, arrays: ObstacleArrays) -> None:
+        """Makes the arrays for another number of obstacles, without bounds."""
+        count, n = len(arrays.names), self.geometry.robot.n
+        pairs = len(self._own) + count * len(self._links)
+        self.arrays = arrays
+        self._programs: dict[int, Any] = {}
+        self._transforms = self._transforms[: len(self._transformed)] + [None] * count
+        self._obstacle_places, self._obstacle_capsules = np.zeros((count, 12)), np.zeros((count, 7))
+        self._speeds, self._motions, self._obstacle_travel = np.zeros(count), np.zeros((count, 3, 3)), np.zeros(count)
+        self._key, self._level = np.full(pairs, -np.inf), np.full(count, -np.inf)
+        self._computed, self._closed = np.zeros(pairs, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        self._listed, self._within = np.empty((pairs, 3), dtype=np.int64), np.empty(pairs)
+        self._distance, self._normals, self._points = np.empty(pairs), np.empty((pairs, 3)), np.empty((pairs, 2, 3))
+        self.rows = NearPairs(
+            np.empty(pairs, dtype=np.int64), np.empty(pairs), np.empty((pairs, n)), np.empty(pairs), np.empty(pairs)
         )
-        if not same:
-            self._build(current)
-            return
-        for index, new in enumerate(current):
-            self._move(index, new)
-
-    def _build(self, obstacles: list[Obstacle]) -> None:
-        geometry, count = self.geometry, len(self.geometry.links)
-        moving = np.flatnonzero(geometry.moves.any(axis=1)).tolist()
-        own = geometry.watched()
-        pairs = own + [(link, count + index) for index in range(len(obstacles)) for link in moving]
-        self._build_model(obstacles, pairs)
-        n, k = geometry.robot.n, len(pairs)
-        self._moves = np.concatenate((self._link_moves, np.zeros((len(obstacles), self._link_moves.shape[1]))))
-        reach = np.concatenate((geometry.reach, np.zeros((len(obstacles), n))))
-        self._firsts, self._seconds = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
-        self._reach = reach[self._firsts] + reach[self._seconds]
-        self._self = (np.arange(k) < len(own)).astype(float)
-        self._bound, self._fresh = np.full(k, -np.inf), np.zeros(k, dtype=np.bool_)
-        self._normals, self._points = np.zeros((k, 3)), np.zeros((k, 2, 3))
-        self.rows = NearPairs(np.zeros(k, dtype=np.int64), np.zeros(k), np.zeros((k, n)), np.zeros(k), np.zeros(k))
         """Buffer for all pairs; its first rows hold the result of the last :meth:`query`."""
-        names = (*self._names, *(entry.name for entry in obstacles))
-        self._pair_names = [(names[first], names[second]) for first, second in pairs]
-        self._obstacles = obstacles
-        self._speeds, self._motions = np.zeros(len(obstacles)), np.zeros((len(obstacles), 3, 3))
-        for index, entry in enumerate(obstacles):
-            self._store_motion(index, entry, entry)
+        self._fastest, self._likely = 0.0, -np.inf
 
-    def _build_model(self, obstacles: list[Obstacle], pairs: list[tuple[int, int]]) -> None:
-        """Builds Pinocchio's model of the links, the obstacles and the links' bounding spheres."""
-        links = self.geometry.links
-        self._model = pin.GeometryModel()
-        for link in links:
-            add(self._model, link.name, link.parent, link.solid, link.placement)
-        for entry in obstacles:
-            add(self._model, entry.name, 0, solid(entry.shape), self._root_placement(entry))
-        for link, centre, radius in zip(links, self._centres, self._radii.tolist(), strict=True):
-            add(self._model, f"sphere {link.name}", link.parent, coal.Sphere(radius), pin.SE3(np.eye(3), centre))
-        for first, second in pairs:
-            self._model.addCollisionPair(pin.CollisionPair(first, second))
-        self._data = pin.GeometryData(self._model)
-        self._requests = list(self._data.distanceRequests)
-        for request in self._requests:
-            request.gjk_tolerance = TOLERANCE
-        self._origins = _origins(self._data)
-        self._sphere_centres = self._origins[len(links) + len(obstacles) :]
-        self._placed_at = b""
-
-    def _root_placement(self, entry: Obstacle) -> Any:
-        return pin.SE3(self._root_base @ entry.pose_s)
-
-    def _move(self, index: int, new: Obstacle) -> None:
-        old = self._obstacles[index]
-        if new is old:
-            return
-        moved = self._store_motion(index, new, old)
-        self._obstacles[index] = new
-        if moved != 0.0:
-            number = len(self._radii) + index
-            self._model.geometryObjects[number].placement = self._root_placement(new)
-            decrease_bounds_of_solid(number, moved, self._seconds, self._bound)
-            self._placed_at = b""
-
-    def _store_motion(self, index: int, new: Obstacle, old: Obstacle) -> float:
-        """Stores velocity and position of an obstacle; returns the distance it has moved since ``old``, m."""
-        return store_obstacle_motion(
-            new.pose_s,
-            old.pose_s,
-            new.velocity_s,
-            new.spin_s,
-            new.shape.reach,
+    def _place_obstacles(self, indices: Any, time_ns: int) -> None:
+        arrays = self.arrays
+        moved = place_obstacles(
+            indices,
+            time_ns,
+            EXTRAPOLATION_S,
+            MAX_GAP_S,
+            arrays.poses,
+            arrays.velocities,
+            arrays.spins,
+            arrays.times_ns,
+            arrays.steady,
+            arrays.reach,
+            arrays.axes,
             self._root_base,
-            index,
+            self._obstacle_places,
+            self._obstacle_capsules,
             self._speeds,
             self._motions,
+            self._obstacle_travel,
         )
+        self._time_ns = time_ns
+        self._fastest = float(self._speeds.max(initial=0.0))
+        for obstacle in moved.tolist():
+            self._transforms[len(self._transformed) + obstacle] = None
 
     @property
     def pairs(self) -> int:
         """Number of pairs."""
-        return len(self._bound)
-
-    def motions(self, q: Array, qd: Array, change: Array) -> Motions:
-        """Arguments of :func:`ik_node.collision.distance_kernels.approach_speed_bounds`.
-
-        Args:
-            q: Joint positions, (n,), rad (m).
-            qd: Joint velocities, (n,), rad/s (m/s).
-            change: Largest difference of the velocities from ``qd``, (n,), rad/s (m/s).
-        """
-        return (
-            self.geometry.robot.motion(qd),
-            change,
-            self._place(q),
-            self._link_moves,
-            self._sphere_centres,
-            self._radii,
-            self._speeds,
-            self._firsts,
-            self._seconds,
-            self._reach,
-        )
-
-    def self_pairs(self) -> Array:
-        """(pairs,): 1 for pairs of links, 0 for pairs of link and obstacle."""
-        return self._self
+        return len(self._key)
 
     @property
     def predicted(self) -> DistanceQuery:
@@ -217,50 +167,80 @@ class DistanceQuery:
             self._predicted = DistanceQuery(self.geometry)
         return self._predicted
 
-    def measure(self, q: Array, within: Array) -> tuple[NearPairs, ClosestPair]:
+    def measure(self, q: Array, within: float) -> tuple[NearPairs, ClosestPair]:
         """Computes the pairs within a range, and the closest pair.
 
         Args:
             q: Joint positions, (n,), rad (m).
-            within: Range of each pair, (pairs,), m.
+            within: Range, m.
 
         Returns:
-            The pairs nearer than their range, and the closest of all pairs.
+            The pairs nearer than the range, and the closest of all pairs.
         """
-        count = self.query(q, within)
+        count = self.query(q, Limits(within, within), self._still, self._still)
         return NearPairs(*(column[:count].copy() for column in self.rows)), self.closest()
 
-    def query(self, q: Array, within: Array, closest: bool = True) -> int:
-        """Computes the pairs within a range and writes them into the first rows of :attr:`rows`.
+    def query(self, q: Array, limits: Limits, qd: Array, change: Array, closest: bool = True) -> int:
+        """Computes the pairs within their limits and writes them into the first rows of :attr:`rows`.
 
         Args:
             q: Joint positions, (n,), rad (m).
-            within: Range of each pair, (pairs,), m.
+            limits: Distances within which pairs matter.
+            qd: Joint velocities, (n,), rad/s (m/s).
+            change: Largest difference of the next velocities from ``qd``, (n,), rad/s (m/s).
             closest: False when :meth:`closest` is not called for this position.
 
         Returns:
-            The number of pairs nearer than their range.
+            The number of pairs nearer than their limit.
         """
         if not self.pairs:
             return 0
-        motion = self.geometry.robot.difference(self._q, q) if self._turns else q - self._q
+        robot = self.geometry.robot
+        step = robot.difference(self._q, q) if self._turns else q - self._q
         self._q = q.copy()
         jacobian = self._place(q)
-        pair = decrease_bounds(motion, self._reach, self._bound, self._fresh, within, closest)
-        while pair >= 0:
-            pair = self._measure(pair, within, closest)
-        if pair == NO_PAIR_NEAR:
+        self._tick += 1
+        count = find_near_pairs(
+            step,
+            robot.motion(qd),
+            change,
+            jacobian,
+            self._moves,
+            self.geometry.reach,
+            self._places,
+            self.geometry.capsules,
+            self._capsules,
+            self._firsts,
+            self._seconds,
+            self._links,
+            self._obstacle_capsules,
+            self._speeds,
+            self._fastest,
+            self._travel,
+            self._obstacle_travel,
+            self._key,
+            self._level,
+            limits,
+            self._likely if closest else -np.inf,
+            self._listed,
+            self._within,
+        )
+        begin, end = 0, count
+        while end > begin or (closest and not begin):
+            begin, end = end, self._compute(begin, end, closest)
+        if closest:
+            self._likely = float(self._distance[self._closest]) + MARGIN_M
+        if not count:
             return 0
         return collect_near_pairs(
-            within,
+            count,
+            self._listed,
+            self._within,
             jacobian,
             self._ratio,
             self._moves,
             self._motions,
-            self._firsts,
-            self._seconds,
-            self._bound,
-            self._fresh,
+            self._distance,
             self._normals,
             self._points,
             *self.rows,
@@ -270,11 +250,14 @@ class DistanceQuery:
         """The closest pair of the last :meth:`query`."""
         if not self.pairs:
             return _NO_PAIR
-        pair, distance, points_s = closest_pair(self._bound, self._points, self._base_root)
-        return ClosestPair(distance, self._pair_names[pair], points_s)
+        row = self._closest
+        points_s = self._points[row].copy()
+        if not self._base_is_root:
+            points_s = in_base(points_s, self._base_root)
+        return ClosestPair(float(self._distance[row]), self.names(int(self._listed[row, 0])), points_s)
 
     def _place(self, q: Array) -> Array:
-        """Updates the placements of the solids at q (n,); returns the joint twists in the root frame, (m, 6)."""
+        """Updates the placements of the links at q (n,); returns the joint twists in the root frame, (m, 6)."""
         if (at := q.tobytes()) != self._placed_at:
             robot = self.geometry.robot
             jacobian = robot.root_jacobian(q)
@@ -282,62 +265,76 @@ class DistanceQuery:
             self._jacobian, self._placed_at = np.ascontiguousarray(jacobian.T), at
         return self._jacobian
 
-    def _measure(self, pair: int, within: Array, closest: bool) -> int:
-        """Computes the distance of a pair; returns the next one, see :func:`.distance_kernels.next_pair`."""
-        # Pinocchio warm-starts from the last result, which changes the last digits (up to 1e-6 m): reset the guesses.
-        request = self._requests[pair]
-        request.cached_gjk_guess, request.cached_support_func_guess = _FIRST_GUESS, _FIRST_CORNERS
-        result = pin.computeDistance(self._model, self._data, pair)
-        return store_measurement(
-            pair,
-            result.min_distance,
-            result.normal,
-            result.getNearestPoint1(),
-            result.getNearestPoint2(),
-            self._origins,
-            self._firsts,
-            self._seconds,
-            self._bound,
-            self._fresh,
+    def _compute(self, begin: int, end: int, closest: bool) -> int:
+        """Computes the distances of the listed pairs ``begin`` to ``end``; with ``closest``, lists a further pair that
+        may be the closest. Returns the number of listed pairs."""
+        transforms, transformed, programs, tick = self._transforms, self._transformed, self._programs, self._tick
+        links = len(transformed)
+        triples = self._listed[begin:end].tolist()
+        memory = self._distances.rows(begin, end)
+        for (request, result), (pair, first, second) in zip(memory, triples, strict=True):
+            if transformed[first] != tick:
+                transforms[first].setTransform(*self._parts[first])
+                transformed[first] = tick
+            other = transforms[second]
+            if second < links:
+                if transformed[second] != tick:
+                    other.setTransform(*self._parts[second])
+                    transformed[second] = tick
+            elif other is None:
+                place = self._obstacle_places[second - links]
+                other = transforms[second] = coal.Transform3s(place[:9].reshape(3, 3).T, place[9:])
+            program = programs.get(pair)
+            if program is None:
+                shape = self.arrays.shapes[second - links] if second >= links else None
+                program = programs[pair] = self._distances.program(first, second, shape)
+            program(transforms[first], other, request, result)
+        count, self._closest = store_distances(
+            begin,
+            end,
+            self._distances.results,
+            self._distances.guesses,
+            self._listed,
+            self._places,
+            self._obstacle_places,
+            self._travel,
+            self._obstacle_travel,
+            self._key,
+            tick,
+            self._computed,
+            self._distance,
             self._normals,
             self._points,
-            within,
             closest,
+            self._capsules,
+            self._firsts,
+            self._seconds,
+            self._links,
+            self._obstacle_capsules,
+            self._level,
+            self._closed,
         )
+        return count
 
 
-def _origins(data: Any) -> Array:
-    """(solids, 3): origins of the solids in the root frame, m; updated in place with the placements.
+def _places(data: Any) -> Array:
+    """(links, 12): rotations by columns and origins of the links; updated in place with the placements.
 
-    The result is a strided view of Pinocchio's memory, because copying the origins one by one takes longer than the
-    other distance computations of a control step. Raises RuntimeError when the memory layout is not strided.
+    The result is a view of Pinocchio's memory, because copying the placements one by one takes longer than the other
+    distance computations of a control step. Raises RuntimeError when the memory is not laid out as expected.
     """
-    views = [placement.translation for placement in data.oMg]
-    places = [view.__array_interface__["data"][0] for view in views]
-    step = places[1] - places[0]
-    even = places == [places[0] + step * index for index in range(len(places))]
-    if not even or any(view.flags.owndata for view in views):
+    count = len(data.oMg)
+    rotations, origins = [entry.rotation for entry in data.oMg], [entry.translation for entry in data.oMg]
+    first = rotations[0].__array_interface__["data"][0]
+    even = all(
+        rotation.__array_interface__["data"][0] == first + 96 * index
+        and rotation.strides == (8, 24)
+        and origin.__array_interface__["data"][0] == first + 96 * index + 72
+        for index, (rotation, origin) in enumerate(zip(rotations, origins, strict=True))
+    )
+    if not even or any(view.flags.owndata for view in rotations + origins):
         raise RuntimeError("unsupported memory layout of pinocchio.GeometryData.oMg")
-    return np.lib.stride_tricks.as_strided(views[0], (len(views), 3), (step, views[0].strides[0]), writeable=False)
+    return np.lib.stride_tricks.as_strided(rotations[0].T.reshape(-1), (count, 12), (96, 8))
 
 
-def _radius(link: Link, centre: Array) -> float:
-    """Radius of a sphere about ``centre`` that contains the link, m."""
-    farthest = float(np.sqrt(((link.points - centre) ** 2).sum(axis=1)).max())
-    if isinstance(link.solid, coal.Capsule):
-        middle = float(np.linalg.norm(link.placement.translation - centre))
-        return max(farthest, middle + float(link.solid.halfLength + link.solid.radius))
-    return farthest
-
-
-_FIRST_GUESS, _FIRST_CORNERS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
 _NO_PAIR = ClosestPair(float("inf"), (), np.full((2, 3), np.nan))
-
-
-def solid(shape: Shape) -> Any:
-    """The coal solid of a shape."""
-    if shape.kind == "sphere":
-        return coal.Sphere(*shape.size)
-    if shape.kind == "box":
-        return coal.Box(*shape.size)
-    return (coal.Cylinder if shape.kind == "cylinder" else coal.Capsule)(*shape.size)

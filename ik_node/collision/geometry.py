@@ -51,6 +51,8 @@ class CollisionGeometry:
     """(links, m), bool: True where a moving joint (including mimic joints) moves the link."""
     reach: Array
     """(links, n): upper bound of the motion of any point of the link per motion of the joint, m per rad (1 for m)."""
+    capsules: Array
+    """(links, 7): a capsule around each solid in its frame: one end, vector to the other end, radius, m."""
 
     def names(self) -> tuple[str, ...]:
         """Names of the links, in order."""
@@ -129,7 +131,7 @@ def load(
     moves = np.array([robot.joint_moves(link.parent) for link in links])
     reach = robot.bounds_per_joint(np.where(moves, np.array([_reach(robot, link) for link in links]), 0.0))
     pairs = select_pairs(robot, links, srdf, set(ignored), set(watched)) if self_collision else ()
-    return CollisionGeometry(robot, links, pairs, moves, reach)
+    return CollisionGeometry(robot, links, pairs, moves, reach, np.array([_capsule(link) for link in links]))
 
 
 def _link(name: str, group: list[Any], simplification: str) -> Link:
@@ -148,6 +150,18 @@ def _link(name: str, group: list[Any], simplification: str) -> Link:
     if mesh is not None and not only.placement.isIdentity():
         mesh = None
     return Link(name, only.parentJoint, hull, pin.SE3.Identity(), points, mesh)
+
+
+def _capsule(link: Link) -> Array:
+    """(7,): a capsule around the solid in its frame: one end, vector to the other end, radius, m."""
+    solid = link.solid
+    if isinstance(solid, coal.Sphere):
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, solid.radius])
+    if isinstance(solid, (coal.Capsule, coal.Cylinder)):
+        return np.array([0.0, 0.0, -solid.halfLength, 0.0, 0.0, 2.0 * solid.halfLength, solid.radius])
+    found = bounding_capsule.fast(_corners(solid, link.name))
+    half = 0.5 * found.length * found.rotation[:, 2]
+    return np.array([*(found.centre - half), *(2.0 * half), found.radius])
 
 
 def convex_hull(points: Array) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ik_node.collision import geometry as collision_geometry
 from ik_node.collision import pair_selection
 from ik_node.collision.avoidance import AvoidanceTerms, avoidance_terms
 from ik_node.collision.distances import DistanceQuery
-from ik_node.collision.scene import Scene, obstacle, read_scene, shape
+from ik_node.collision.scene import Obstacle, Scene, obstacle, put_into, read_scene, shape
 from ik_node.errors import CollisionUnavailableError, InputError
 from ik_node.interfaces.clock import Instant, to_monotonic
 from ik_node.interfaces.samples import ObstacleSample
@@ -45,6 +46,8 @@ class CollisionMonitor:
         """Why no distances are computed; empty when they are."""
         self.scene = Scene()
         """The obstacles."""
+        self._samples: dict[str, tuple[ObstacleSample, Obstacle]] = {}
+        """Last sample in the base frame and its obstacle, by name."""
         if settings.geometry == "none":
             self.unavailable = "obstacles.geometry is none"
         else:
@@ -104,29 +107,39 @@ class CollisionMonitor:
             further ones; empty when all samples were used.
         """
         errors = []
+        obstacles = dict(self.scene.obstacles)
         for sample in samples:
             try:
-                self._update_obstacle(sample, frames, now, max_age_ns)
+                if sample.action == "add":
+                    self._add(obstacles, sample, frames, now, max_age_ns)
+                else:
+                    obstacles = _without(obstacles, sample)
             except InputError as error:
                 errors.append(f"{sample.name}: {error}")
+        self.scene = Scene(obstacles)
+        self._samples = {name: pair for name, pair in self._samples.items() if obstacles.get(name) is pair[1]}
         more = [f"and {len(errors) - MAX_REPORTED} more"] if len(errors) > MAX_REPORTED else []
         return "; ".join(errors[:MAX_REPORTED] + more)
 
-    def _update_obstacle(self, sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int) -> None:
-        if sample.action == "delete_all":
-            self.scene = self.scene.remove_all(sample.name.rpartition("/")[0])
-        elif sample.action == "delete":
-            self.scene = self.scene.remove(sample.name)
-        elif sample.action == "add":
-            stamped = to_monotonic(sample.stamp_ns, now, max_age_ns)
-            expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
-            solid = shape(sample.kind, sample.size, sample.name)
+    def _add(
+        self, obstacles: dict[str, Obstacle], sample: ObstacleSample, frames: Frames, now: Instant, max_age_ns: int
+    ) -> None:
+        name = sample.name
+        stamped = to_monotonic(sample.stamp_ns, now, max_age_ns)
+        expires_ns = stamped.received_ns + sample.lifetime_ns if sample.lifetime_ns > 0 else None
+        # Most obstacles of most messages are where they were.
+        before, old = self._samples.get(name, _NO_SAMPLE)
+        if old is not None and obstacles.get(name) is old and _is_same(sample, before) and not old.moves:
+            new = old._replace(time_ns=stamped.time_ns, expires_ns=expires_ns)
+            obstacles[name] = new
+        else:
+            solid = shape(sample.kind, sample.size, name)
             if sample.kind == "sphere":  # has no orientation, and RViz does not require one
                 sample = sample._replace(quaternion=UPRIGHT)
             pose_s = frames.pose_of(sample, "obstacle")
-            self.scene = self.scene.put(obstacle(sample.name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
-        else:
-            raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
+            put_into(obstacles, obstacle(name, solid, pose_s, stamped.time_ns, expires_ns=expires_ns))
+        if frames.is_base(sample.frame_id):
+            self._samples[name] = sample, obstacles[name]
 
     def update(
         self, q: Array, qd: Array, change: Array, hold_s: float, time_ns: int, repel: bool
@@ -148,3 +161,27 @@ class CollisionMonitor:
             return None
         self.scene = self.scene.at(time_ns)
         return avoidance_terms(self._distances, self.scene, q, qd, change, self._settings, hold_s, time_ns, repel)
+
+
+_NO_SAMPLE: tuple[Any, None] = (None, None)
+
+
+def _is_same(sample: ObstacleSample, other: ObstacleSample) -> bool:
+    """True for the same solid at the same place."""
+    return (
+        sample.kind == other.kind
+        and sample.size == other.size
+        and sample.frame_id == other.frame_id
+        and sample.position.tobytes() == other.position.tobytes()
+        and (sample.kind == "sphere" or sample.quaternion.tobytes() == other.quaternion.tobytes())
+    )
+
+
+def _without(obstacles: dict[str, Obstacle], sample: ObstacleSample) -> dict[str, Obstacle]:
+    """The obstacles after a deletion."""
+    if sample.action == "delete_all":
+        return dict(Scene(obstacles).remove_all(sample.name.rpartition("/")[0]).obstacles)
+    if sample.action != "delete":
+        raise InputError(f"unknown action '{sample.action}'; valid: add, delete, delete_all")
+    obstacles.pop(sample.name, None)
+    return obstacles

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,9 +92,22 @@ def shape(kind: str, size: Iterable[float], name: str = "obstacle") -> Shape:
     Raises:
         InputError: The kind is unknown, or a dimension is missing, not positive, or above :data:`FARTHEST_M`.
     """
+    size = tuple(size)
+    try:
+        return _valid_shape(kind, size)
+    except InputError:
+        return _checked_shape(kind, size, name)  # the error has the name
+
+
+@lru_cache(maxsize=1024)
+def _valid_shape(kind: str, size: tuple[float, ...]) -> Shape:
+    return _checked_shape(kind, size, "obstacle")
+
+
+def _checked_shape(kind: str, size: tuple[float, ...], name: str) -> Shape:
     if kind not in SIZES:
         raise InputError(f"{name} is a '{kind}'; valid: {', '.join(SIZES)}")
-    numbers = checked_vector(tuple(size), len(SIZES[kind]), f"size of {name}")
+    numbers = checked_vector(size, len(SIZES[kind]), f"size of {name}")
     for dimension, value in zip(SIZES[kind], numbers.tolist(), strict=True):
         if not 0.0 < value <= FARTHEST_M:
             raise InputError(f"{name} has {dimension} {value:g}; expected more than 0 and at most {FARTHEST_M:g}")
@@ -194,12 +208,9 @@ class Scene:
         Raises:
             InputError: ``new`` would be one more than :data:`MAX_OBSTACLES`.
         """
-        old = self.obstacles.get(new.name)
-        if old is None and len(self.obstacles) >= MAX_OBSTACLES:
-            raise InputError(f"there are {MAX_OBSTACLES} obstacles already, and no more are accepted")
-        if old is not None and not new.moves:
-            new = _with_velocity(old, new)
-        return Scene({**self.obstacles, new.name: new})
+        obstacles = dict(self.obstacles)
+        put_into(obstacles, new)
+        return Scene(obstacles)
 
     def remove(self, name: str) -> Scene:
         """A scene without the obstacle ``name``; unknown names are ignored."""
@@ -213,14 +224,34 @@ class Scene:
 
     def at(self, time_ns: int) -> Scene:
         """A scene without the obstacles that have expired at a monotonic time."""
-        if not self.obstacles:
+        if time_ns < self._first_expiry_ns:
             return self
         kept = {
             key: value
             for key, value in self.obstacles.items()
             if value.expires_ns is None or time_ns < value.expires_ns
         }
-        return self if len(kept) == len(self.obstacles) else Scene(kept)
+        return Scene(kept)
+
+    @cached_property
+    def _first_expiry_ns(self) -> float:
+        """Monotonic time at which the first obstacle expires; inf if none does."""
+        times = [entry.expires_ns for entry in self.obstacles.values() if entry.expires_ns is not None]
+        return min(times, default=math.inf)
+
+
+def put_into(obstacles: dict[str, Obstacle], new: Obstacle) -> None:
+    """:meth:`Scene.put` in place, for the obstacles of one message.
+
+    Raises:
+        InputError: As there.
+    """
+    old = obstacles.get(new.name)
+    if old is None and len(obstacles) >= MAX_OBSTACLES:
+        raise InputError(f"there are {MAX_OBSTACLES} obstacles already, and no more are accepted")
+    if old is not None and not new.moves:
+        new = _with_velocity(old, new)
+    obstacles[new.name] = new
 
 
 def _with_velocity(old: Obstacle, new: Obstacle) -> Obstacle:
@@ -229,6 +260,8 @@ def _with_velocity(old: Obstacle, new: Obstacle) -> Obstacle:
         # Two messages with the same stamp: the estimate is kept.
         same = elapsed_s == 0.0
         return new._replace(velocity_s=old.velocity_s, spin_s=old.spin_s) if same else new
+    if new.pose_s.tobytes() == old.pose_s.tobytes():  # exactly zero, which the logarithm below is not
+        return new._replace(velocity_s=0.5 * old.velocity_s, spin_s=0.5 * old.spin_s) if old.moves else new
     velocity = (new.pose_s[:3, 3] - old.pose_s[:3, 3]) / elapsed_s
     spin = log_rotation(new.pose_s[:3, :3] @ old.pose_s[:3, :3].T) / elapsed_s
     if float(np.linalg.norm(velocity)) > MAX_SPEED:

@@ -107,7 +107,7 @@ def _measured(query: ClosestPointQuery, q: Array, scene: Scene, settings: Obstac
     distances = query.distances_at(scene)
     if distances is None:
         return _Measured(NO_CLEARANCE, NO_CLEARANCE, math.nan)
-    near, _ = distances.measure(q, np.full(distances.pairs, RANGE_M))
+    near, _ = distances.measure(q, RANGE_M)
     return _Measured(
         _nearest(distances, near, near.self_collision == 0.0),
         _nearest(distances, near, near.self_collision > 0.0),

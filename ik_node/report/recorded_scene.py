@@ -181,7 +181,7 @@ class ClosestPointQuery:
         query = self.distances_at(scene)
         if query is None or not np.isfinite(q).all():
             return None
-        closest = query.measure(q, np.zeros(query.pairs))[1]
+        closest = query.measure(q, 0.0)[1]
         return closest if np.isfinite(closest.distance) else None
 
     def distances_at(self, scene: Scene) -> DistanceQuery | None:

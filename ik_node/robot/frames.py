@@ -89,10 +89,13 @@ class Frames:
             InputError: Position or quaternion are not a pose, or the frame has no pose.
         """
         pose = se3.pose_from(sample.position, sample.quaternion, what)
-        frame = sample.frame_id or self._robot.base_frame
-        if frame == self._robot.base_frame and frame not in self.transforms:  # the usual case
+        if self.is_base(sample.frame_id):  # the usual case
             return pose
-        return np.asarray(self.pose(frame) @ pose)
+        return np.asarray(self.pose(sample.frame_id) @ pose)
+
+    def is_base(self, frame: str) -> bool:
+        """True for the base frame, and for an empty name."""
+        return not frame or (frame == self._robot.base_frame and frame not in self.transforms)
 
 
 def transform_text(frame: str, position: Sequence[float], quaternion: Sequence[float]) -> str:

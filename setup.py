@@ -22,6 +22,14 @@ RECORDING = ["mcap", "lz4", "zstandard", "rosbags"]
 EXTRAS = {
     "recording": RECORDING,
     "report": ["matplotlib", *RECORDING],
+    "archive": [
+        "dask==2026.8.0",
+        "distributed==2026.8.0",
+        "fsspec==2026.9.0",
+        "pyarrow==26.0.1",
+        "matplotlib",
+        *RECORDING,
+    ],
     "view": ["viser", "trimesh", "pycollada", *RECORDING],
     "ros": ["ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-jazzy-rmw-fastrtps-cpp", *RECORDING],
 }

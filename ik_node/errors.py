@@ -8,6 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 EXTRAS = {
+    "dask": "archive",
+    "distributed": "archive",
+    "fsspec": "archive",
+    "pyarrow": "archive",
     "lz4": "recording",
     "mcap": "recording",
     "rosbags": "recording",

@@ -1,5 +1,8 @@
 """Repeat a recorded run with the same inputs, and compare the commands bit for bit.
 
+Several recordings, or folders of them: replay all side by side, and write one table (text, CSV, JSON, Parquet, and a
+page that opens the report of each). What was done in an earlier call is not done again.
+
 With --method or --set: run the recorded targets with other settings on a simulated arm (closed loop). Bags that were
 not recorded by ik_node are read too, with --robot or --config.
 """
@@ -24,7 +27,9 @@ if TYPE_CHECKING:
     from ik_node.replay.what_if import SourceFactory, Variant
     from ik_node.report.ground_truth import GroundTruth
 
-DIFFERENT, UNUSABLE = 1, 2
+DIFFERENT_BITS, UNUSABLE = 1, 2
+TABLE = "ik_replay_table"
+"""Folder of the table of many recordings."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -32,10 +37,12 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog="ik_replay",
         description=__doc__,
-        epilog="Exit code 0: same bits (other machine: same but for rounding); 1: different; 2: not replayable.",
+        epilog="Exit code 0: same bits (other machine: same but for rounding); 1: different; 2: not replayable. "
+        "Many recordings: the highest of theirs.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument("bag", type=Path, help="recording: a folder, or one of its files")
+    about = "recording: a folder, or one of its files; several, or a folder of recordings, or fsspec URLs: a table"
+    result.add_argument("bag", nargs="+", help=about)
     result.add_argument("--node", default="", help="full name of the node [the only one recorded]")
     result.add_argument("--json", action="store_true", help="print JSON")
     what_if = result.add_argument_group("what if")
@@ -45,8 +52,15 @@ def parser() -> argparse.ArgumentParser:
     what_if.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help=about)
     about = "also compare the commands on the recorded joint states, without a simulated arm"
     what_if.add_argument("--open-loop", action="store_true", help=about)
-    what_if.add_argument("--out", type=Path, help="new folder for recordings of the simulated runs")
-    what_if.add_argument("--jobs", type=int, help=f"number of simultaneous runs [{os.cpu_count()}]")
+    about = f"new folder for recordings of the simulated runs; many recordings: folder of the table [{TABLE}]"
+    what_if.add_argument("--out", type=Path, help=about)
+    what_if.add_argument("--jobs", type=int, help=f"number of simultaneous runs or recordings [{os.cpu_count()}]")
+    many = result.add_argument_group("many recordings")
+    about = (
+        "replay on this Dask cluster, e.g. tcp://10.0.0.5:8786, whose workers can read the recordings by their names"
+    )
+    many.add_argument("--dask", metavar="ADDRESS", help=about)
+    many.add_argument("--no-reports", action="store_true", help="only the table, which is faster")
     external = result.add_argument_group("external bags: rosbag2 (sqlite3, MCAP), rosbag1")
     external.add_argument("--robot", default="", help="name in example-robot-data [robot_description in the bag]")
     external.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml where there is one]")
@@ -66,7 +80,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Replay and print the comparison; the exit code is that of --help."""
     options = parser().parse_args(arguments)
     external = bool(options.robot or options.config or options.remap or options.start)
+    from ik_node.replay.archive.bags import is_archive
+
     try:
+        if is_archive(options.bag):
+            return _archive(options)
+        options.bag = Path(options.bag[0])
         _refuse_without_effect(options, external)
         opened = _external_bag(options) if external else _own_bag(options)
         if options.ros:
@@ -88,10 +107,39 @@ def _refuse_without_effect(options: argparse.Namespace, external: bool) -> None:
         (("open_loop",), simulates and not external, "without --method or --set, and for a bag of another program"),
         (("out", "jobs"), simulates, "without --method, --set or a bag of another program"),
         (("node",), not external, "for a bag of another program"),
+        (("dask", "no_reports"), False, "for one recording"),
     ):
         given = ["--" + name.replace("_", "-") for name in names if getattr(options, name)]
         if given and not has_effect:
             raise SettingsError(f"{', '.join(given)}: no effect {reason}")
+
+
+def _archive(options: argparse.Namespace) -> int:
+    """Replay many recordings and print their table."""
+    from ik_node.replay.archive import table
+    from ik_node.replay.archive.bags import find_bags
+    from ik_node.replay.archive.dask_cluster import replay_on_cluster
+    from ik_node.replay.archive.local_pool import replay_locally
+    from ik_node.replay.archive.row import BROKEN, DIFFERENT, ReplayTask
+    from ik_node.replay.archive.run import replay_archive
+    from ik_node.settings.parameter_file import parse_assignment
+
+    single = ("node", "open_loop", "robot", "config", "remap", "start", "ros", "to", "input")
+    given = ["--" + name.replace("_", "-") for name in single if getattr(options, name)]
+    if given:
+        raise SettingsError(f"{', '.join(given)}: no effect for many recordings")
+    bags = find_bags(options.bag)
+    task = ReplayTask(tuple(options.method), dict(map(parse_assignment, options.set)), not options.no_reports)
+    if options.dask:
+        distribute = partial(replay_on_cluster, address=options.dask)
+    else:
+        distribute = partial(replay_locally, jobs=max(1, options.jobs or os.cpu_count() or 1))
+    found = replay_archive(bags, task, distribute, options.out or Path(TABLE))
+    print(table.as_json(found.rows) if options.json else table.as_text(found.rows))
+    for text in (*found.files, *found.notes):
+        print(text, file=sys.stderr)
+    outcomes = {row.replay for row in found.rows}
+    return UNUSABLE if BROKEN in outcomes else DIFFERENT_BITS if DIFFERENT in outcomes else 0
 
 
 def _bitwise(options: argparse.Namespace) -> int:
@@ -107,7 +155,7 @@ def _bitwise(options: argparse.Namespace) -> int:
         print(json.dumps({**text.as_plain(found), "took_s": took_s}, indent=1))
     else:
         print(text.as_text(recorded, found, took_s))
-    return 0 if found.passed else DIFFERENT
+    return 0 if found.passed else DIFFERENT_BITS
 
 
 def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool) -> int:

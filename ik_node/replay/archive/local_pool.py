@@ -1,0 +1,48 @@
+"""Recordings replayed by processes of this computer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+
+from ik_node.replay.archive.bags import FoundBag
+from ik_node.replay.archive.row import BagResult, BagRow, ReplayTask, replay_bag
+
+DIED = "the process that replayed it died; it may need more memory, or a library crashed"
+
+
+def replay_locally(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Iterator[tuple[FoundBag, BagResult]]:
+    """Replays recordings and yields their results as they finish.
+
+    A process that dies takes its pool with it. The recordings that were not finished then are replayed one by one, each
+    in a process of its own, so that only the one that kills its process is lost.
+
+    Args:
+        bags: The recordings.
+        task: What to do with each.
+        jobs: Number of processes.
+    """
+    missing = dict.fromkeys(bags)
+    try:
+        for bag, result in _in_one_pool(bags, task, jobs):
+            del missing[bag]
+            yield bag, result
+    except BrokenProcessPool:
+        for bag in missing:
+            try:
+                yield from _in_one_pool([bag], task, 1)
+            except BrokenProcessPool:
+                yield bag, BagResult(BagRow(bag.name, error=DIED), "")
+
+
+def _in_one_pool(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Iterator[tuple[FoundBag, BagResult]]:
+    # Not forked: BLAS and viewers of the parent may have threads.
+    with ProcessPoolExecutor(max(1, min(jobs, len(bags))), get_context("spawn")) as pool:
+        futures = {pool.submit(replay_bag, bag, task): bag for bag in bags}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)

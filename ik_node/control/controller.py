@@ -19,13 +19,12 @@ from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
 from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when_late
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
 from ik_node.control.late_inputs import late_conditions
+from ik_node.control.settings_check import check_settings
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
 from ik_node.control.status import DIRECTION, REACH, StatusSnapshot
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step, open_loop_step
 from ik_node.control.velocity_controller import ControlOutput, VelocityController
-from ik_node.differential_ik.methods import check_masses
-from ik_node.differential_ik.posture import check_posture
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant
@@ -34,11 +33,11 @@ from ik_node.interfaces.snapshot import capture, restore
 from ik_node.interfaces.step import Level, Mode, Status, Step
 from ik_node.math.types import Array
 from ik_node.robot.frames import Frames, FramesSnapshot
-from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import TargetArbiter, TargetSource, check_distance
+from ik_node.targets.arbiter import TargetArbiter, check_distance
+from ik_node.targets.arbiter_state import TargetSource
 from ik_node.targets.jog import twist_frame
 
 NO_SUBSCRIBER = Status(Level.WARN, Mode.STOPPED, "no subscriber on the command topic")
@@ -236,9 +235,7 @@ class Controller:
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when settings do not match the robot; changes nothing."""
-        check_masses(settings.control.method, self.robot)
-        motion_limits(self.robot, settings.limits, settings.control.rate_hz)
-        check_posture(self.robot, settings.obstacles)
+        check_settings(self.robot, settings)
 
     def apply(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""

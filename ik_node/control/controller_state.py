@@ -15,7 +15,7 @@ from ik_node.control.status import StatusSnapshot
 from ik_node.control.step_timer import TimerSnapshot
 from ik_node.control.velocity_controller import VelocityControllerSnapshot
 from ik_node.robot.frames import FramesSnapshot
-from ik_node.targets.arbiter import ArbiterSnapshot
+from ik_node.targets.arbiter_state import ArbiterSnapshot
 
 
 class CycleSnapshot(NamedTuple):

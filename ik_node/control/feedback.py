@@ -11,6 +11,7 @@ from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.jit import compiled
 from ik_node.math import se3
 from ik_node.math.quaternion import length
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ControlSettings
@@ -42,13 +43,26 @@ class IkDifference:
     rotation, because a jump of 2 pi in theta_d would give an excessive velocity.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, tolerance: TaskTolerance) -> None:
         self._robot = robot
-        self._solver = PoseSolver(robot, eps_omega=1e-9, eps_v=1e-9, search_iterations=20, max_iterations=20)
+        self.configure(tolerance)
         self.solution: Array | None = None
         """Last theta_d, the initial value of the next one; None: start from the measured position."""
         self.converged = True
         """False when no solution near the last one was found; the best approximation is used."""
+
+    def configure(self, tolerance: TaskTolerance) -> None:
+        """Applies another tolerance; the next solution starts from the measured position."""
+        self._solver = PoseSolver(
+            self._robot,
+            eps_omega=1e-9,
+            eps_v=1e-9,
+            search_iterations=20,
+            max_iterations=20,
+            tolerance=tolerance,
+            compared_searches=1,
+        )
+        self.solution = None
 
     def velocity(self, q: Array, motion: Motion, hold_s: float, gain: float) -> Array:
         """Computes the joint velocity for the desired pose at the end of the control interval.

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot, twist_feedback
+from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot
 from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
 from ik_node.control.off_direction_warning import NO_WARNING, OffDirectionWarning, updated_warning
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
+from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
 from ik_node.interfaces.clock import NS, Instant
@@ -62,6 +63,7 @@ class VelocityControllerSnapshot(NamedTuple):
     integral: IntegralSnapshot
     smith_predictor: SmithPredictorSnapshot
     solver: SolverSnapshot
+    task: TaskFeedbackSnapshot = TaskFeedbackSnapshot()
 
 
 class VelocityController:
@@ -77,8 +79,9 @@ class VelocityController:
         """
         self._robot = robot
         self._control = settings.control
+        self._task = TaskFeedback(robot, settings)
         self.solver = DifferentialIkSolver(robot, settings)
-        self._ik = IkDifference(robot)
+        self._ik = IkDifference(robot, self._task.tolerance)
         self._integral = IntegralAction()
         self._smith_predictor = SmithPredictor(robot.n, settings.control)
         self.velocity = np.zeros(robot.n)
@@ -92,6 +95,9 @@ class VelocityController:
         """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
         self.solver.configure(settings)
         self._control = settings.control
+        if self._task.configure(settings):
+            self.solver.reset()
+            self._ik.configure(self._task.tolerance)
         self._smith_predictor.configure(settings.control)
 
     def capture(self) -> VelocityControllerSnapshot:
@@ -102,6 +108,7 @@ class VelocityController:
             capture(self._integral, IntegralSnapshot),
             capture(self._smith_predictor, SmithPredictorSnapshot),
             self.solver.capture(),
+            capture(self._task, TaskFeedbackSnapshot),
         )
 
     def restore(self, snapshot: VelocityControllerSnapshot) -> None:
@@ -111,6 +118,7 @@ class VelocityController:
         restore(self._integral, snapshot.integral)
         restore(self._smith_predictor, snapshot.smith_predictor)
         self.solver.restore(snapshot.solver)
+        restore(self._task, snapshot.task)
 
     def start(self, time_ns: int, commanded_ns: int) -> None:
         """Resets all components for an arm at rest.
@@ -164,14 +172,14 @@ class VelocityController:
         Raises:
             InputError: No finite solution exists.
         """
-        control = self._control
-        desired = twist_feedback(pose_sb, motion, control)
-        position = state.position
+        control, task = self._control, self._task
+        desired = task.twist(pose_sb, motion, control)
+        position, predicted = state.position, motion
         if self._smith_predictor.total_delay_s > 0.0:
             # Predicted position of the arm, and the target extrapolated by the same time.
             position = position + self._smith_predictor.predicted_offset(state.time_ns)
             predicted = self._smith_predictor.target(motion, interval_s)
-            at_prediction = twist_feedback(self._robot.pose(position), predicted, control)
+            at_prediction = task.twist(self._robot.pose(position), predicted, control)
             desired = at_prediction._replace(error_b=desired.error_b)
         # Jacobian and feed-forward are evaluated at the middle of the interval in which the command is held.
         to_middle_s = (now.monotonic_ns - state.time_ns) / NS + 0.5 * interval_s
@@ -180,15 +188,16 @@ class VelocityController:
         self._slowing = self.slowing()
         self.solver.lower_velocity_limits(self.velocity, elapsed_s)
         arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
+        rows = task.rows(predicted, to_middle_s)
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)
-            twist_b = self._robot.evaluate(q_middle).jacobian_b @ velocity
+            twist_b = self.solver.twist_of(arm, velocity, rows)
             desired = desired._replace(twist_b=twist_b)
-            solution = self.solver.solve_velocity(arm, velocity)
+            solution = self.solver.solve_velocity(arm, velocity, rows)
             if solution.task_scale < 1.0:
                 # One joint at its limit would slow the whole arm. Its twist is resolved within the limits instead, and
                 # the next theta_d is the one nearest to the measured position, so that this joint does not fall behind.
-                solution = self.solver.solve_twist(arm, twist_b)
+                solution = self.solver.solve_twist(arm, twist_b, rows)
                 self._ik.solution = None
         else:
             self._ik.solution = None
@@ -196,7 +205,7 @@ class VelocityController:
                 frozen = self.task_scale < 1.0 or self.truncated
                 integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
                 desired = desired._replace(twist_b=desired.twist_b + integral)
-            solution = self.solver.solve_twist(arm, desired.twist_b)
+            solution = self.solver.solve_twist(arm, desired.twist_b, rows)
         held_since_ns = self.commanded_ns if elapsed_s > self.solver.limits.dt_max_s else 0
         self.command(solution.joint_velocity, now.monotonic_ns)
         self.task_scale = solution.task_scale

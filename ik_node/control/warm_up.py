@@ -8,6 +8,7 @@ every compiled function: every method, every kind of target, obstacles, active l
 from __future__ import annotations
 
 import contextlib
+from math import inf
 
 import numpy as np
 
@@ -37,6 +38,8 @@ SAMPLES = 12
 """Poses of a stream; enough for the comparison of its predictors."""
 OUT_OF_REACH_M = 10.0
 NEARBY_M = 0.02
+TOLERANCES = ((0.0, 0.0, 0.0, inf, inf, 0.0), (0.01, 0.0, 0.0, 0.1, 0.1, inf), (0.0, 0.0, 0.0, 0.0, 0.0, inf))
+"""Tasks of each form."""
 NO_ROWS = np.zeros((0, 6))
 
 
@@ -70,6 +73,10 @@ def warm_up(robot: Robot, settings: Settings) -> int:
     run.stream(0.001, 2)
     run.change({"control_law": "twist_feedback"})
     run.stream(0.001, 2)
+    for tolerance in TOLERANCES:
+        run.change({"task.tolerance": tolerance})
+        run.stream(0.001, 2)
+    run.jog()
     run.singular_start()
     mark_warm()
     return compilation_count() - count

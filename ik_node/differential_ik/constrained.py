@@ -25,6 +25,9 @@ Null spaces of dimension 0 and 1 are solved exactly (:mod:`ik_node.differential_
 (:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
 is shortened towards qd_0 until it fits.
 
+Bands of a task (:mod:`ik_node.differential_ik.task_rows`) are rows r_i qd >= s v_i: with s as one more coordinate of
+qd they are rows of the same programs. At s = 0 they permit qd = 0, so that s decreases where limits contradict them.
+
 When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the direction, the
 dampers. The box is never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).
 """
@@ -53,6 +56,7 @@ from ik_node.differential_ik.exact_program import (
     task_line,
     unit_rows,
 )
+from ik_node.differential_ik.task_rows import TaskBands
 from ik_node.errors import InputError
 from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
@@ -134,6 +138,7 @@ def solve(
     unconstrained: ClosedFormSolution | None = None,
     svd: Decomposition | None = None,
     wish: float = 1.0,
+    bands: TaskBands | None = None,
 ) -> ConstrainedSolution:
     """Joint velocities for a twist under limits: the optimum of the module's problem.
 
@@ -152,6 +157,7 @@ def solve(
         svd: Decomposition of J with its rows times ``row_scale``, if it is known already.
         wish: s_wish, 0 to 1. The box may permit a smaller s only; a larger one is chosen if only that keeps the
             direction, or comes nearest to it.
+        bands: Bands of the task.
 
     Returns:
         The solution. The arrays passed in are not checked.
@@ -176,9 +182,11 @@ def solve(
             checked=True,
             svd=svd,
         )
-    if is_feasible(unconstrained.joint_velocity, lo, hi, dampers):
+    if is_feasible(unconstrained.joint_velocity, lo, hi, dampers) and (
+        bands is None or bands.hold(unconstrained.joint_velocity, wish)
+    ):
         return _inactive(unconstrained, jacobian, lo, dampers, wish)
-    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers, wish)
+    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers, wish, bands)
 
 
 def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> bool:
@@ -221,6 +229,7 @@ def _solve_active(
     row_scale: Array,
     dampers: VelocityDampers | None,
     wish: float,
+    bands: TaskBands | None,
 ) -> ConstrainedSolution:
     """:func:`solve` for a closed form that violates a constraint."""
     n = len(lo)
@@ -235,13 +244,13 @@ def _solve_active(
     mass = IDENTITY if weight is None else weight
     pull = np.zeros(n) if gradient is None else unconstrained.gain * gradient
     free = unconstrained.joint_velocity
-    solve_program = solve_exactly if len(line.null) <= 1 else _solve_by_daqp
+    program = (line, lo, hi, rows, least, mass, pull, free, wish, bands)
     base_scale = np.nan if base.any() else 0.0
-    solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free, wish)
+    solution = _solve_program(*program, base, base_scale)
     if np.isnan(solution.scale):
         scaled = row_scale[:, None] * jacobian
         base, base_scale = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
-        solution = solve_program(line, lo, hi, rows, least, base, base_scale, mass, pull, free, wish)
+        solution = _solve_program(*program, base, base_scale)
     qd = np.minimum(np.maximum(solution.joint_velocity, lo), hi)
     if not np.isfinite(qd).all():
         raise InputError("the constrained problem contains numbers that are not finite")
@@ -257,6 +266,50 @@ def _solve_active(
         slack,
         solution.fallback,
         unconstrained,
+    )
+
+
+def _solve_program(
+    line: TaskLine,
+    lo: Array,
+    hi: Array,
+    rows: Array,
+    least: Array,
+    weight: Array,
+    pull: Array,
+    free: Array,
+    wish: float,
+    bands: TaskBands | None,
+    base: Array,
+    base_scale: float,
+) -> ProgramSolution:
+    """:func:`ik_node.differential_ik.exact_program.solve_exactly` for a null space of any dimension, and bands."""
+    solve_line = solve_exactly if len(line.null) <= 1 else _solve_by_daqp
+    if bands is None:
+        return solve_line(line, lo, hi, rows, least, base, base_scale, weight, pull, free, wish)
+    n = len(lo)
+    size = np.maximum(np.sqrt((bands.rows * bands.rows).sum(axis=1)), ROUNDING)
+    band_rows = np.column_stack((bands.rows, -bands.least)) / size[:, None]
+    damper_rows = np.column_stack((rows, np.zeros(len(least))))
+    line = TaskLine(np.append(line.ray, 1.0), np.column_stack((line.null, np.zeros(len(line.null)))), line.rounding)
+    if len(weight):
+        weight = np.pad(weight, (0, 1))
+        weight[n, n] = 1.0
+    solution = solve_line(
+        line,
+        np.append(lo, 0.0),
+        np.append(hi, 1.0),
+        np.concatenate((damper_rows, band_rows)),
+        np.concatenate((least, np.zeros(len(band_rows)))),
+        np.append(base, 0.0 if np.isnan(base_scale) else base_scale),
+        base_scale,
+        weight,
+        np.append(pull, 0.0),
+        np.append(free, wish),
+        wish,
+    )
+    return solution._replace(
+        joint_velocity=solution.joint_velocity[:n], base_velocity=np.ascontiguousarray(solution.base_velocity[:n])
     )
 
 

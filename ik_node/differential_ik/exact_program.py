@@ -22,6 +22,10 @@ from ik_node.math.types import Array
 ROUNDING = 1e-12
 """Differences up to this one are rounding."""
 
+MIN_SLOPE = 1e-9
+"""Rows that depend on z by no more than this do not limit it: a joint that the null space hardly moves gains nothing
+from any z, and rounding divided by its slope would decide z. They are exceeded by at most this times z, and clipped."""
+
 BINDING = 1e-12
 """Distance to a bound within which it counts as active, rad/s (m/s); answers are clipped to the bounds."""
 
@@ -152,14 +156,14 @@ def _without_z(program: LinearProgram) -> tuple[Array, Array]:
     size = len(beta) + len(beta) * len(beta) // 4
     combined_alpha, combined_beta, count = np.empty(size), np.empty(size), 0
     for i in range(len(beta)):
-        if zeta[i] > ROUNDING:
+        if zeta[i] > MIN_SLOPE:
             for j in range(len(beta)):
-                if zeta[j] < -ROUNDING:
+                if zeta[j] < -MIN_SLOPE:
                     sum_of_sizes = zeta[i] - zeta[j]
                     combined_alpha[count] = (zeta[i] * alpha[j] - zeta[j] * alpha[i]) / sum_of_sizes
                     combined_beta[count] = (zeta[i] * beta[j] - zeta[j] * beta[i]) / sum_of_sizes
                     count += 1
-        elif zeta[i] >= -ROUNDING:
+        elif zeta[i] >= -MIN_SLOPE:
             combined_alpha[count], combined_beta[count] = alpha[i], beta[i]
             count += 1
     return combined_alpha[:count], combined_beta[:count]
@@ -171,9 +175,9 @@ def _interval(program: LinearProgram, s: float) -> tuple[float, float]:
     lowest, highest = -np.inf, np.inf
     for i in range(len(program.beta)):
         zeta, margin = program.zeta[i, 0], program.beta[i] - program.alpha[i] * s
-        if zeta > ROUNDING:
+        if zeta > MIN_SLOPE:
             highest = min(highest, margin / zeta)
-        elif zeta < -ROUNDING:
+        elif zeta < -MIN_SLOPE:
             lowest = max(lowest, margin / zeta)
     return lowest, highest
 

@@ -8,8 +8,9 @@ the points from which :mod:`ik_node.differential_ik.constrained` starts::
     subject to  alpha s + zeta z <= beta ,  0 <= s <= 1 ,  beta >= 0        (s = 0, z = 0 is feasible)
 
 On 2500 random programs with null spaces of 2 to 6 dimensions s is within 6e-8 of HiGHS, the cost within 2e-9, and the
-optimality conditions hold to 2e-11. A primal tolerance of 1e-12 makes one program in a hundred fail; 1e-6 violates rows
-by as much.
+optimality conditions hold to 2e-11. The active rows of an answer are then solved by linear algebra, so that it is
+accurate to rounding, and inputs that differ by rounding have the same answer. A primal tolerance of 1e-12 makes one
+program in a hundred fail; 1e-6 violates rows by as much.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ MAX_VIOLATION = 1e-10
 WIDENINGS = (0.0, 1e-12, 1e-11, 5e-11)
 """By how much rows are widened, one after the other, where the solver finds no z at the largest s: there the feasible
 set is often a single point. Without this one answer in 2500 is not of least cost."""
+
+MAX_CORRECTION = 1e-6
+"""Largest difference between an answer and the solution of its active rows, relative to 1 + the answer; beyond it those
+rows are not the active ones."""
 
 UNLIMITED = 1e30
 """Infinity for DAQP."""
@@ -59,7 +64,7 @@ def largest_scale(program: LinearProgram, cost: NullSpaceCost) -> tuple[float, A
         return None
     s = min(max(float(vertex[0]), 0.0), 1.0)
     for widening in WIDENINGS:
-        z = _least_cost(cost, s, alpha, zeta, beta + widening, PRIMAL_TOLERANCE)
+        z = _least_cost(cost, s, alpha, zeta, beta, PRIMAL_TOLERANCE, widening)
         if z is not None and _obeys(zeta @ z, beta - s * alpha):
             return s, z
     return s, vertex[1:]
@@ -87,22 +92,47 @@ def _optimal_vertex(goal: Array, alpha: Array, zeta: Array, beta: Array) -> Arra
     upper = np.concatenate(([size], np.full(dimensions, UNLIMITED), beta))
     lower = np.concatenate(([0.0], np.full(dimensions + len(beta), -UNLIMITED)))
     matrix = np.column_stack((alpha / size, zeta))
-    vertex, _, flag, _ = daqp.solve(None, goal, matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
+    vertex, _, flag, found = daqp.solve(None, goal, matrix, upper, lower, primal_tol=PRIMAL_TOLERANCE)
     if flag != SOLVED or not _obeys(matrix @ vertex, beta):
         return None
-    return np.append(vertex[0] / size, vertex[1:])
+    active = np.flatnonzero(np.asarray(found["lam"])[1 + dimensions :])
+    s = _scale_of_rows(alpha[active], zeta[active], beta[active])
+    close = abs(s * size - vertex[0]) < MAX_CORRECTION * (1.0 + abs(vertex[0]))
+    return np.append(s if close else vertex[0] / size, vertex[1:])
+
+
+def _scale_of_rows(alpha: Array, zeta: Array, beta: Array) -> float:
+    """The s of least or largest value that active rows permit with some z; NaN if they do not determine it.
+
+    The multipliers of the rows cancel z: lambda' zeta = 0, and lambda' (alpha s - beta) = 0 remains.
+    """
+    if not len(beta):
+        return float("nan")
+    conditions = np.vstack((zeta.T, alpha))
+    multipliers = np.linalg.lstsq(conditions, np.append(np.zeros(zeta.shape[1]), 1.0), rcond=1e-10)[0]
+    return float(multipliers @ beta) if abs(float(multipliers @ alpha) - 1.0) < 1e-9 else float("nan")
 
 
 def _least_cost(
-    cost: NullSpaceCost, s: float, alpha: Array, zeta: Array, beta: Array, tolerance: float
+    cost: NullSpaceCost, s: float, alpha: Array, zeta: Array, beta: Array, tolerance: float, widening: float = 0.0
 ) -> Array | None:
-    """The z of least ``cost`` at ``s``."""
+    """The z of least ``cost`` at ``s``; the solver may exceed rows by ``widening``."""
     limits = beta - s * alpha
     hessian, rows = np.ascontiguousarray(cost.hessian), np.ascontiguousarray(zeta)
     unlimited = np.full(len(limits), -UNLIMITED)
     slope = cost.slope + s * cost.change
-    z, _, flag, _ = daqp.solve(hessian, slope, rows, limits, unlimited, primal_tol=tolerance)
-    return np.asarray(z) if flag == SOLVED and _obeys(zeta @ z, limits) else None
+    z, _, flag, found = daqp.solve(hessian, slope, rows, limits + widening, unlimited, primal_tol=tolerance)
+    if flag != SOLVED or not _obeys(zeta @ z, limits + widening):
+        return None
+    active = np.flatnonzero(found["lam"])
+    count, dimensions = len(active), len(slope)
+    conditions = np.zeros((dimensions + count, dimensions + count))
+    conditions[:dimensions, :dimensions] = hessian
+    conditions[dimensions:, :dimensions] = zeta[active]
+    conditions[:dimensions, dimensions:] = zeta[active].T
+    exact = np.linalg.lstsq(conditions, np.append(-slope, limits[active]), rcond=1e-12)[0][:dimensions]
+    close = float(np.abs(exact - z).max(initial=0.0)) < MAX_CORRECTION * (1.0 + float(np.abs(z).max(initial=0.0)))
+    return np.asarray(exact if close and _obeys(zeta @ exact, limits) else z, dtype=np.float64)
 
 
 def _obeys(values: Array, limits: Array) -> bool:

@@ -20,9 +20,10 @@ from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS, check_masses
 from ik_node.differential_ik.off_direction import limits_off_direction
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
-from ik_node.differential_ik.singularity import START, SingularityState, regulate_singularities
+from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.differential_ik.task_problem import TaskProblem
+from ik_node.differential_ik.task_rows import TaskRows
 from ik_node.errors import InputError
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits, relaxed
@@ -92,7 +93,7 @@ class DifferentialIkSolver:
         self._obstacles = settings.obstacles
         self._singularity = settings.singularity
         self._method = METHODS[settings.control.method]
-        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
+        self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
         self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
         self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
@@ -146,45 +147,37 @@ class DifferentialIkSolver:
             return "obstacles.posture_weight has no effect: obstacles.posture is empty"
         return ""
 
-    def solve_twist(self, state: ArmState, twist_b: Array) -> DifferentialIkSolution:
+    def solve_twist(self, state: ArmState, twist_b: Array, rows: TaskRows | None = None) -> DifferentialIkSolution:
         """Joint velocity for a twist of the tool.
 
         Args:
             state: State of the arm.
             twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
+            rows: Which part of it is followed, and the bands; None for the whole pose.
 
         Raises:
             InputError: There is no finite solution.
         """
         terms = self._avoidance_terms(state, self._method.avoids_obstacles)
-        jacobian = self._jacobian(state.q_middle)
+        rows = self._whole_pose if rows is None else rows
+        jacobian, row_scale = rows.place(state.q_middle), rows.row_scale
+        twist = rows.twist(twist_b)
         weight, gradient = self._cost(state, terms)
         gain = 0.0 if gradient is None else self._control.gradient_gain
-        fast = self._solve_fast(state, jacobian, twist_b, weight, gradient, gain, terms)
+        fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms)
         if fast is not None:
             return fast
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
-        task = regulate_singularities(
-            self._jacobian,
-            state.q_middle,
-            jacobian,
-            twist_b,
-            state.previous,
-            bounds,
-            self.limits,
-            self._row_scale,
-            self._singularity,
-            self._snapshot.singularity,
-            state.elapsed_s,
-            self._snapshot.task_scale,
-        )
-        if task.retention < 1.0 and task.state.branch is None and self._robot.n > 6:
+        task = self._regulated(rows, state, jacobian, twist, bounds)
+        if task.retention < 1.0 and task.state.branch is None and self._robot.n > len(twist):
             # The null space leads the arm away from the singularity that it started in.
             force = (1.0 - task.retention) * ESCAPE_N
-            away = manipulability_potential(self._jacobian, state.q_middle, self._row_scale, force).gradient
+            away = manipulability_potential(rows.jacobian, state.q_middle, row_scale, force).gradient
             gradient = away if gradient is None else gradient + away
             gain = self._control.gradient_gain
-        problem = TaskProblem(task.jacobian, weight, gradient, gain, self._row_scale, self._null_space_cap, task.svd)
+        problem = TaskProblem(
+            task.jacobian, weight, gradient, gain, row_scale, self._null_space_cap, task.svd, rows.bands
+        )
         dampers = None if terms is None else terms.dampers
         wish = task.singularity_scale
         closed = problem.closed_form(wish * task.twist)
@@ -192,41 +185,68 @@ class DifferentialIkSolver:
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             faded = resolve(
                 jacobian,
-                twist_b,
+                twist,
                 weight,
                 gradient,
                 gain,
                 threshold=MULTIPLIER_FADE_M,
-                row_scale=self._row_scale,
+                row_scale=row_scale,
                 checked=True,
             )
             closed = closed._replace(
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
         scale = wish if limited is None else limited.task_scale
-        stalled_s = self._stalled_time(twist_b, scale, state.elapsed_s)
+        stalled_s = self._stalled_time(twist, scale, state.elapsed_s)
         self._snapshot = SolverSnapshot(task.state, 1.0 if scale >= wish else scale / wish, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if limited is not None and stalled_s > TIMEOUT_S:
-            velocity = release_direction(velocity, jacobian, twist_b, self._row_scale, bounds, dampers, stalled_s)
+            velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
         velocity = _within_velocity_limits(velocity, bounds)
-        off_direction = jacobian @ velocity - scale * (twist_b - task.truncated)
+        off_direction = jacobian @ velocity - scale * (twist - task.truncated)
+        active = () if rows.bands is None else rows.bands.active(velocity, scale)
         return DifferentialIkSolution(
             velocity,
             scale,
             wish,
-            task.truncated,
-            off_direction,
-            self._limits_off_direction(off_direction, limited, jacobian, bounds, dampers),
-            closed.multiplier_task,
-            closed.multiplier_potential,
-            task.singular_values,
-            () if limited is None else limited.binding(bounds, self._robot.joints, dampers),
+            rows.body_twist(task.truncated),
+            rows.body_twist(off_direction),
+            self._limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, dampers),
+            rows.wrench(closed.multiplier_task),
+            rows.wrench(closed.multiplier_potential),
+            rows.all_singular_values(task.singular_values),
+            active if limited is None else (*limited.binding(bounds, self._robot.joints, dampers), *active),
             self._relaxed(bounds, limited, dampers),
             NO_PAIR if terms is None else terms.closest,
         )
 
-    def solve_velocity(self, state: ArmState, velocity: Array) -> DifferentialIkSolution:
+    def _regulated(
+        self, rows: TaskRows, state: ArmState, jacobian: Array, twist: Array, bounds: JointBounds
+    ) -> RegulatedTask:
+        """What singularities leave of the twist."""
+        if rows.is_empty:
+            return RegulatedTask(jacobian, twist, np.zeros(1), 1.0, 1.0, np.zeros(1), None, START)
+        return regulate_singularities(
+            rows.jacobian,
+            state.q_middle,
+            jacobian,
+            twist,
+            state.previous,
+            bounds,
+            self.limits,
+            rows.row_scale,
+            self._singularity,
+            self._snapshot.singularity,
+            state.elapsed_s,
+            self._snapshot.task_scale,
+        )
+
+    def twist_of(self, state: ArmState, velocity: Array, rows: TaskRows | None = None) -> Array:
+        """The followed part of the body twist (6,) of a joint velocity (n,), rad/s (m/s)."""
+        rows = self._whole_pose if rows is None else rows
+        return rows.body_twist(rows.place(state.q_middle) @ velocity)
+
+    def solve_velocity(self, state: ArmState, velocity: Array, rows: TaskRows | None = None) -> DifferentialIkSolution:
         """The largest multiple of a joint velocity, up to 1, that limits and dampers permit.
 
         The multipliers of the solution are NaN: no method selects the joint velocity.
@@ -234,6 +254,7 @@ class DifferentialIkSolver:
         Args:
             state: State of the arm.
             velocity: (n,), rad/s (m/s).
+            rows: Which part of the pose is followed; None for the whole pose.
 
         Raises:
             InputError: There is no finite solution.
@@ -242,7 +263,8 @@ class DifferentialIkSolver:
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
         dampers = None if terms is None else terms.dampers
         limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
-        jacobian = self._jacobian(state.q_middle)
+        rows = self._whole_pose if rows is None else rows
+        jacobian, row_scale = rows.place(state.q_middle), rows.row_scale
         command, unknown = _within_velocity_limits(limited.joint_velocity, bounds), np.full(6, np.nan)
         off_direction = jacobian @ (command - limited.task_scale * velocity)
         return DifferentialIkSolution(
@@ -250,11 +272,11 @@ class DifferentialIkSolver:
             limited.task_scale,
             1.0,
             NO_TRUNCATION,
-            off_direction,
-            self._limits_off_direction(off_direction, limited, jacobian, bounds, dampers),
+            rows.body_twist(off_direction),
+            self._limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, dampers),
             unknown,
             unknown,
-            np.asarray(np.linalg.svd(self._row_scale[:, None] * jacobian, compute_uv=False)),
+            rows.all_singular_values(np.asarray(np.linalg.svd(row_scale[:, None] * jacobian, compute_uv=False))),
             limited.binding(bounds, self._robot.joints, dampers),
             self._relaxed(bounds, limited, dampers),
             NO_PAIR if terms is None else terms.closest,
@@ -263,6 +285,7 @@ class DifferentialIkSolver:
     def _solve_fast(
         self,
         state: ArmState,
+        task: TaskRows,
         jacobian: Array,
         twist: Array,
         weight: Array | None,
@@ -275,7 +298,7 @@ class DifferentialIkSolver:
         fast = solve_fast(
             jacobian,
             twist,
-            self._row_scale,
+            task.row_scale,
             self._fast_threshold,
             IDENTITY if weight is None else weight,
             NO_GRADIENT if gradient is None else gradient,
@@ -289,7 +312,7 @@ class DifferentialIkSolver:
             rows,
             least,
         )
-        if not fast.valid:
+        if not fast.valid or (task.bands is not None and not task.bands.hold(fast.joint_velocity, fast.task_scale)):
             return None
         before, stalled_s = self._snapshot, 0.0
         if fast.task_scale < 1.0 or before.stalled_s > 0.0:
@@ -306,11 +329,11 @@ class DifferentialIkSolver:
             fast.task_scale,
             1.0,
             NO_TRUNCATION,
-            fast.off_direction,
+            task.body_twist(fast.off_direction),
             (),
-            fast.multiplier_task,
-            fast.multiplier_potential,
-            fast.singular_values,
+            task.wrench(fast.multiplier_task),
+            task.wrench(fast.multiplier_potential),
+            task.all_singular_values(fast.singular_values),
             self._binding(fast, state, terms) if len(fast.sides) else (),
             (),
             NO_PAIR if terms is None else terms.closest,
@@ -322,9 +345,6 @@ class DifferentialIkSolver:
         dampers = () if terms is None else terms.dampers.names
         lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
         return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
-
-    def _jacobian(self, q: Array) -> Array:
-        return self._robot.evaluate(q).jacobian_b
 
     def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
         limits = self.limits
@@ -348,12 +368,12 @@ class DifferentialIkSolver:
         off_direction: Array,
         limited: ConstrainedSolution | None,
         jacobian: Array,
+        row_scale: Array,
         bounds: JointBounds,
         dampers: VelocityDampers | None,
     ) -> tuple[str, ...]:
-        scaled = self._row_scale[:, None] * jacobian
-        joints = self._robot.joints
-        return limits_off_direction(off_direction, limited, scaled, self._row_scale, bounds, joints, dampers)
+        scaled, joints = row_scale[:, None] * jacobian, self._robot.joints
+        return limits_off_direction(off_direction, limited, scaled, row_scale, bounds, joints, dampers)
 
     def _relaxed(
         self, bounds: JointBounds, limited: ConstrainedSolution | None, dampers: VelocityDampers | None

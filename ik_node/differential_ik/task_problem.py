@@ -9,6 +9,7 @@ from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import ClosedFormSolution, resolve
 from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.differential_ik.task_rows import TaskBands
 from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds
@@ -19,7 +20,7 @@ class TaskProblem:
     """What the solutions for several twists have in common."""
 
     jacobian: Array
-    """J, (6, n)."""
+    """J, (m, n)."""
     weight: Array | None
     """W, (n, n); None is the identity."""
     gradient: Array | None
@@ -27,11 +28,13 @@ class TaskProblem:
     gain: float
     """k, s."""
     row_scale: Array
-    """D, (6,)."""
+    """D, (m,)."""
     null_space_cap: Array
     """Largest null-space velocity of each joint, (n,), rad/s (m/s)."""
     known_svd: Decomposition | None
     """Decomposition of D J, if it is known already."""
+    bands: TaskBands | None = None
+    """Bands of the task; None without any."""
 
     @cached_property
     def svd(self) -> Decomposition:
@@ -41,7 +44,7 @@ class TaskProblem:
         return decompose(self.row_scale[:, None] * self.jacobian, "jacobian")
 
     def closed_form(self, twist: Array) -> ClosedFormSolution:
-        """The solution without limits for a twist (6,)."""
+        """The solution without limits for a twist (m,)."""
         return resolve(
             self.jacobian,
             twist,
@@ -65,13 +68,16 @@ class TaskProblem:
         """The solution under limits; None if ``unconstrained``, the closed form of ``wish`` V_f, obeys them.
 
         Args:
-            twist: V_f, (6,).
+            twist: V_f, (m,).
             wish: The scale that is approached; see :func:`ik_node.differential_ik.constrained.solve`.
             unconstrained: The closed form.
             bounds: Limits of this control step.
             dampers: Velocity dampers.
         """
-        if constrained.is_feasible(unconstrained.joint_velocity, bounds.lo, bounds.hi, dampers):
+        velocity = unconstrained.joint_velocity
+        if constrained.is_feasible(velocity, bounds.lo, bounds.hi, dampers) and (
+            self.bands is None or self.bands.hold(velocity, wish)
+        ):
             return None
         return constrained.solve(
             self.jacobian,
@@ -87,4 +93,5 @@ class TaskProblem:
             unconstrained=unconstrained,
             svd=self.svd,
             wish=wish,
+            bands=self.bands,
         )

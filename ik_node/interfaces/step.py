@@ -120,8 +120,16 @@ class Step(NamedTuple):
     ]
     pose_sb: Annotated[Array, Quantity(Kind.POSE, "Tool pose T_sb at joint_position.", "m", "s")]
     pose_sd: Annotated[Array, Quantity(Kind.POSE, "Desired pose T_sd at state_time_ns.", "m", "s")]
-    error_b: Annotated[Array, Quantity(Kind.TWIST, "Pose error log(T_bd).", "m, rad", "b")]
-    feedforward_b: Annotated[Array, Quantity(Kind.TWIST, "Feed-forward twist Ad(T_bd) V_d.", "m/s, rad/s", "b")]
+    error_b: Annotated[
+        Array,
+        Quantity(Kind.TWIST, "Pose error log(T_bd); with `task.tolerance` what exceeds the tolerance.", "m, rad", "b"),
+    ]
+    feedforward_b: Annotated[
+        Array,
+        Quantity(
+            Kind.TWIST, "Feed-forward twist Ad(T_bd) V_d; with `task.tolerance` its followed part.", "m/s, rad/s", "b"
+        ),
+    ]
     twist_b: Annotated[
         Array,
         Quantity(
@@ -168,7 +176,8 @@ class Step(NamedTuple):
         Array,
         Quantity(
             Kind.SINGULAR_VALUES,
-            "Singular values of J_b with angular rows times the characteristic length, descending.",
+            "Singular values of the followed rows of J_b, angular ones times the characteristic length, descending; "
+            "NaN for the missing ones of a task with a tolerance.",
             "m",
         ),
     ]
@@ -228,6 +237,11 @@ NUMBER_FIELDS = tuple(field for field in STEP_FIELDS.values() if field.kind is K
 """Fields that are single floats."""
 TEXT_FIELDS = tuple(field for field in STEP_FIELDS.values() if field.kind in (Kind.NAMES, Kind.STATUS))
 """Fields that are text."""
+
+
+def smallest_singular_value(values: Array) -> Array:
+    """The smallest of ``singular_values``, of one Step () or of k (k,), m; NaN where there is none."""
+    return np.asarray(np.fmin.reduce(values, axis=-1, initial=np.nan))
 
 
 def bare_step(

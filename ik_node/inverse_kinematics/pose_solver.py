@@ -72,6 +72,7 @@ class PoseSolver:
         search_iterations: int = 30,
         max_iterations: int = 3000,
         tolerance: TaskTolerance = WHOLE_POSE,
+        compared_searches: int = COMPARED_SEARCHES,
     ) -> None:
         """Prepares the searches.
 
@@ -83,15 +84,20 @@ class PoseSolver:
             max_iterations: Maximum number of steps of all searches of a call; with a tolerance and a seed up to 50 more
                 for each solution that is compared.
             tolerance: Which part of the pose matters; default: the whole pose.
+            compared_searches: Number of solutions that are compared, with a tolerance and a seed; 1 takes the first
+                one as it is, for a control loop.
 
         Raises:
             InputError: An accuracy or count is not positive.
         """
         check_positive(eps_omega=eps_omega, eps_v=eps_v)
-        check_count(1, search_iterations=search_iterations, max_iterations=max_iterations)
+        check_count(
+            1, search_iterations=search_iterations, max_iterations=max_iterations, compared_searches=compared_searches
+        )
         self.chain = chain
         self.eps_omega, self.eps_v = eps_omega, eps_v
         self.search_iterations, self.max_iterations = search_iterations, max_iterations
+        self._compared_searches = compared_searches
         self.tolerance, self._form = tolerance, None if tolerance.is_exact else tolerance.form
         lower, upper = chain.limits.lower, chain.limits.upper
         wide = chain.turning & (upper - lower >= FULL_TURN)
@@ -121,7 +127,7 @@ class PoseSolver:
         check_count(restarts=restarts or 0)
         best = self._search(target, self.start(0) if first is None else first, self._allowance(0))
         used, searches = len(best.rows) - 1, 1
-        compared = COMPARED_SEARCHES if first is not None and self._form is not None else 1
+        compared = self._compared_searches if first is not None and self._form is not None else 1
         found: list[_Search] = [best] if best.reason is TerminationReason.CONVERGED else []
         while len(found) < compared and used < self.max_iterations:
             if restarts is not None and searches > restarts:

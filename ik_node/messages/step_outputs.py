@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ik_node.interfaces.step import Level, Mode, Status, Step
+from ik_node.interfaces.step import Level, Mode, Status, Step, smallest_singular_value
 from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.se3 import quaternion_from_rotation
 from ik_node.math.types import Array
@@ -85,7 +85,7 @@ def step_values(step: Step, method: str) -> dict[str, str]:
     return {
         "method": method,
         "scale": f"{step.scale:.6g}",
-        "sigma_min_m": f"{step.singular_values[-1]:.6g}",
+        "sigma_min_m": f"{float(smallest_singular_value(step.singular_values)):.6g}",
         "position_error_mm": f"{1e3 * _norm(step.error_b[:3]):.6g}",
         "orientation_error_mrad": f"{1e3 * _norm(step.error_b[3:]):.6g}",
         "truncated_linear_m_s": f"{_norm(step.truncated_b[:3]):.6g}",

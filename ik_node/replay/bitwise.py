@@ -16,7 +16,7 @@ from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.differential_ik.solver import MULTIPLIER_FADE_M
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import NS
-from ik_node.interfaces.step import TEXT_FIELDS, Step
+from ik_node.interfaces.step import TEXT_FIELDS, Step, smallest_singular_value
 from ik_node.messages.step_codec import Call, StepEncoder, text_fields
 from ik_node.recording.call_log import RecordedCall, RecordedSnapshot, decode_snapshot
 from ik_node.recording.environment import differences
@@ -186,7 +186,7 @@ class _Replay:
         self._add(Mismatch(*self._position(recorded), "step", there, here, math.inf), 0.0)
 
     def _compare_fields(self, call: RecordedCall, recorded: Step, replayed: Step) -> None:
-        near_singular = recorded.singular_values[-1] < NEAR_SINGULAR_M
+        near_singular = smallest_singular_value(recorded.singular_values) < NEAR_SINGULAR_M
         tolerance = SINGULAR_TOLERANCE if near_singular else TOLERANCE
         same_mode = recorded.status.mode is replayed.status.mode
         texts_differ = False

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.interfaces.step import smallest_singular_value
 from ik_node.interfaces.twist_account import TwistAccount, twist_account
 from ik_node.math.types import Array
 from ik_node.report import quantities
@@ -72,7 +73,7 @@ def draw_singular_values(axes: Any, reported_runs: Sequence[ReportedRun]) -> Non
         if len(reported_runs) == 1:
             for column in range(values.shape[1] - 1):
                 axes.plot(*decimate(reported.times_s, values[:, column]), color=GREY, linewidth=0.7)
-        axes.plot(*decimate(reported.times_s, values[:, -1]), color=reported.colour, linewidth=1.4)
+        axes.plot(*decimate(reported.times_s, smallest_singular_value(values)), color=reported.colour, linewidth=1.4)
         threshold = reported.run.settings.get("singularity.threshold")
         if isinstance(threshold, float):
             thresholds.add(threshold)

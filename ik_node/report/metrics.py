@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.interfaces.step import FASTER
+from ik_node.interfaces.step import FASTER, smallest_singular_value
 from ik_node.interfaces.twist_account import twist_account
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
@@ -302,7 +302,7 @@ def _speed(run: Run) -> SpeedMetrics:
 
 
 def _singularity(run: Run, durations_s: Array) -> SingularityMetrics:
-    last = run.singular_values[:, -1] if run.singular_values.size else np.empty(0)
+    last = smallest_singular_value(run.singular_values)
     finite = np.isfinite(last)
     row = int(np.where(finite, last, np.inf).argmin()) if finite.any() else -1
     truncated = run.truncated_b[np.isfinite(run.truncated_b).all(axis=1)]

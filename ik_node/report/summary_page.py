@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.interfaces.step import smallest_singular_value
 from ik_node.recording.run import Run
 from ik_node.report import quantities
 from ik_node.report.canvas import convert_write_errors, new_figure, report_style
@@ -133,7 +134,7 @@ def _draw_joint_velocities(rows: list[Any], reported: ReportedRun) -> None:
 def _draw_singular_value(axes: Any, reported: ReportedRun) -> None:
     """The smallest singular value, with the threshold of regulation where it is near."""
     run, quantity = reported.run, quantities.SMALLEST_SINGULAR_VALUE
-    axes.plot(*decimate(reported.times_s, run.singular_values[:, -1]), color=reported.colour)
+    axes.plot(*decimate(reported.times_s, smallest_singular_value(run.singular_values)), color=reported.colour)
     threshold = run.settings.get("singularity.threshold")
     below = ""
     if isinstance(threshold, float):

@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 
 from ik_node.settings.names import check_names
 from ik_node.settings.schema import Descriptor, Group, Value, converted, setting
+from ik_node.settings.task import TaskSettings
 
 METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
 """Values of ``method``. A new method is a name here and a function of that name in
@@ -321,6 +322,7 @@ class Settings:
 
     arm: ArmSettings = ArmSettings()
     control: ControlSettings = ControlSettings()
+    task: TaskSettings = TaskSettings()  # noqa: RUF009 - frozen
     singularity: SingularitySettings = SingularitySettings()
     limits: LimitSettings = LimitSettings()
     obstacles: ObstacleSettings = ObstacleSettings()

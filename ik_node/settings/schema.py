@@ -37,7 +37,7 @@ def setting(
         description: One sentence for the user.
         unit: Unit of the value, or of each element, separated by commas.
         minimum: Smallest valid number.
-        maximum: Largest valid number.
+        maximum: Largest valid number; ``math.inf`` also permits infinite numbers.
         choices: Valid texts; empty for any text.
         read_only: True if the parameter cannot change while the node runs.
         element: Type of the elements of a list.
@@ -161,9 +161,10 @@ def check(name: str, value: Any, about: Descriptor) -> None:
     for index, number in enumerate(value if isinstance(value, tuple) else (value,)):
         if isinstance(number, (str, bool)):
             continue
-        if not math.isfinite(number):
-            raise SettingsError(f"{name} is {_shown(value)}; valid: finite numbers")
         low, high = (_of_element(end, index) for end in (about.minimum, about.maximum))
+        if math.isnan(number) or (math.isinf(number) and high != math.inf):
+            valid = "numbers" if high == math.inf else "finite numbers"
+            raise SettingsError(f"{name} is {_shown(value)}; valid: {valid}")
         if (low is not None and number < low) or (high is not None and number > high):
             where = f"[{index}]" if about.size else ""
             raise SettingsError(f"{name}{where} is {number!r}; valid: {_range(low, high)} {about.unit}".rstrip())

@@ -13,9 +13,7 @@ be slowed down, since its samples are the present target: the arm falls behind a
 
 from __future__ import annotations
 
-from enum import Enum
 from math import nan
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,14 +23,15 @@ from ik_node.interfaces.delivery import MAX_STAMP_AGE_S
 from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.samples import FARTHEST_M, PathSample, TrajectorySample, TwistSample
 from ik_node.math.numerics import checked_vector
-from ik_node.math.quaternion import from_matrix
 from ik_node.math.types import Array
 from ik_node.robot.reach import reach_of
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
-from ik_node.targets.jerk_limited_filter import RigidMotion
-from ik_node.targets.jog import Jog, JogSnapshot, TwistFrame
-from ik_node.targets.path.follower import PathFollower, PathSnapshot
+from ik_node.targets.arbiter_state import ArbiterSnapshot, TargetSource
+from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
+from ik_node.targets.jog import Jog, TwistFrame
+from ik_node.targets.members import TaskMembers, at_pose
+from ik_node.targets.path.follower import PathFollower
 from ik_node.targets.path.request import (
     FASTEST_M_S,
     FASTEST_RAD_S,
@@ -41,40 +40,12 @@ from ik_node.targets.path.request import (
     request_from_path,
     request_from_trajectory,
 )
-from ik_node.targets.stream.stream import StreamedPoses, StreamSnapshot
+from ik_node.targets.stream.stream import StreamedPoses
 
 SOURCE_CHANGES = 4
 """This many changes between two inputs ..."""
 SOURCE_CHANGES_WITHIN_S = 2.0
 """... within this time mean that both are published at the same time."""
-
-
-class TargetSource(Enum):
-    """The active input; the values are the names of the topics."""
-
-    NONE = "none"
-    POSE = "target_pose"
-    PATH = "target_path"
-    TRAJECTORY = "target_trajectory"
-    TWIST = "target_twist"
-
-
-class ArbiterSnapshot(NamedTuple):
-    """State of :class:`TargetArbiter`; plain data."""
-
-    source: TargetSource
-    previous_source: TargetSource
-    """The input that was active before."""
-    changes_ns: tuple[int, ...]
-    """Times of the last changes between those two."""
-    time_ns: int
-    warning: str
-    """Warning about the last path or twist; empty for none."""
-    stream: StreamSnapshot
-    path: PathSnapshot
-    jog: JogSnapshot
-    out_of_reach: str = ""
-    """What of the active target is out of reach; empty for nothing."""
 
 
 class TargetArbiter:
@@ -89,6 +60,9 @@ class TargetArbiter:
         self._path = PathFollower(settings, robot)
         self._jog = Jog(settings)
         self._settings = settings
+        self._members = TaskMembers(settings.task)
+        self._tool_sb: Array | None = None
+        self._newest_sd: Array | None = None
         self._source = self._previous_source = TargetSource.NONE
         self._changes_ns: tuple[int, ...] = ()
         self._time_ns = 0
@@ -96,10 +70,29 @@ class TargetArbiter:
 
     def configure(self, settings: Settings) -> None:
         """Applies other settings; the active input is kept."""
-        self._settings = settings
+        before, self._settings = self._settings, settings
         self._stream.configure(settings.target)
         self._path.configure(settings)
         self._jog.configure(settings)
+        if settings.task != before.task:
+            self._change_task()
+
+    def _change_task(self) -> None:
+        """Applies another tolerance: the reference moves on from the tool, in what was free, to the target."""
+        before, self._members = self._members, TaskMembers(self._settings.task)
+        reference, newest_sd = self._motion(), self._newest_sd
+        if self._tool_sb is not None:
+            reference = at_pose(reference, before.pose(pose_matrix(reference), self._tool_sb))
+        if self._source is TargetSource.POSE:
+            newest_sd = self._stream.goal_sd if newest_sd is None else newest_sd
+            member = None if newest_sd is None else self._members.pose(newest_sd, pose_matrix(reference))
+            self._stream.replace(member, reference, self._time_ns)
+        elif self._on_path:
+            self._path.move_to(reference)
+        else:
+            self._jog.rest_at(reference, self._time_ns)
+        if self._members.follows_whole_pose:
+            self._tool_sb = self._newest_sd = None
 
     def capture(self) -> ArbiterSnapshot:
         """A snapshot for :meth:`restore`."""
@@ -113,6 +106,8 @@ class TargetArbiter:
             self._path.capture(),
             self._jog.capture(),
             self.out_of_reach,
+            self._tool_sb,
+            self._newest_sd,
         )
 
     def restore(self, snapshot: ArbiterSnapshot) -> None:
@@ -122,6 +117,7 @@ class TargetArbiter:
         self._path.restore(snapshot.path)
         self._jog.restore(snapshot.jog)
         self.out_of_reach = snapshot.out_of_reach
+        self._tool_sb, self._newest_sd = snapshot.tool_sb, snapshot.newest_sd
 
     # --- inputs -------------------------------------------------------------------------------------------------------
 
@@ -156,6 +152,10 @@ class TargetArbiter:
             reference = self._motion()
             self._take_command(TargetSource.POSE, stamped.received_ns)
             self._stream.take_over(reference, self._time_ns)
+        if not self._members.follows_whole_pose:
+            self._newest_sd = pose_sd
+            last_sd = self._stream.goal_sd
+            pose_sd = self._members.pose(pose_sd, pose_matrix(self._motion()) if last_sd is None else last_sd)
         self._stream.add(pose_sd, stamped)
         self.out_of_reach = self._reach_warning(pose_sd[None, :3, 3], "target")
 
@@ -172,7 +172,9 @@ class TargetArbiter:
         Raises:
             TargetRefused: The path is invalid; the message states the number of the pose. The active input is kept.
         """
-        self._follow(request_from_path(sample, frame_pose, now, self._settings.path), TargetSource.PATH, now, q)
+        members = TaskMembers(self._settings.task, self._motion())
+        request = request_from_path(sample, frame_pose, now, self._settings.path, members)
+        self._follow(request, TargetSource.PATH, now, q)
 
     def on_trajectory(self, sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> None:
         """Starts a trajectory.
@@ -186,7 +188,8 @@ class TargetArbiter:
             TargetRefused: The trajectory is invalid; the message states the number of the point. The active input is
                 kept.
         """
-        self._follow(request_from_trajectory(sample, frame_pose, now), TargetSource.TRAJECTORY, now)
+        members = TaskMembers(self._settings.task, self._motion())
+        self._follow(request_from_trajectory(sample, frame_pose, now, members), TargetSource.TRAJECTORY, now)
 
     def on_twist(self, sample: TwistSample, frame: TwistFrame, now: Instant) -> None:
         """Jogs by a twist.
@@ -211,6 +214,7 @@ class TargetArbiter:
         age_s, timeout_s = (now.monotonic_ns - stamped.time_ns) / NS, self._settings.jog.timeout_s
         if age_s >= timeout_s:
             raise TargetRefused(f"target twist is {age_s:.3g} s old; jog.timeout_s is {timeout_s:g}")
+        twist = self._members.twist(twist, frame, self._motion())
         if self._source is not TargetSource.TWIST:
             if not twist.any():
                 return
@@ -262,6 +266,9 @@ class TargetArbiter:
             T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
         """
         self._time_ns = max(self._time_ns, time_ns)
+        if pose_sb is not None and not self._members.follows_whole_pose:
+            self._tool_sb = pose_sb
+            pose_sb = self._members.pose(pose_sb, pose_matrix(self._motion()))
         if self._source is TargetSource.POSE:
             return self._stream.advance(time_ns, hold_s)
         if self._on_path:
@@ -383,5 +390,4 @@ def check_distance(pose_sd: Array) -> None:
 
 
 def _resting(pose_sd: Array) -> RigidMotion:
-    x, y, z = pose_sd[:3, 3].tolist()
-    return RigidMotion((x, y, z), orientation=from_matrix(pose_sd))
+    return at_pose(RigidMotion(), pose_sd)

@@ -10,17 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Status
+from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Status, smallest_singular_value
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
-
-
-def _smallest(singular_values: Array) -> Array:
-    """The last singular value, (k,) or (); NaN where the arm has none."""
-    if singular_values.shape[-1]:
-        result: Array = singular_values[..., -1]
-        return result
-    return np.full(singular_values.shape[:-1], np.nan)
 
 
 class TimelineFrame(NamedTuple):
@@ -43,7 +35,7 @@ class TimelineFrame(NamedTuple):
     @property
     def sigma_min(self) -> float:
         """Smallest singular value of J_b with weighted angular rows, m."""
-        return float(_smallest(self.columns["singular_values"]))
+        return float(smallest_singular_value(self.columns["singular_values"]))
 
     @property
     def status(self) -> Status:
@@ -81,7 +73,7 @@ class Timeline(NamedTuple):
     @property
     def sigma_min(self) -> Array:
         """Smallest singular values, (k,), m."""
-        return _smallest(self.columns["singular_values"])
+        return smallest_singular_value(self.columns["singular_values"])
 
     @property
     def position_error(self) -> Array:

@@ -71,6 +71,16 @@ far = begin.copy()
 far[:3, 3] += 5.0
 loop.target(far)
 loop.run(1.0)
+free = float("inf")
+tolerances = (0, 0, 0, free, free, free), (0, 0, free, 0, 0, free), (0.01, 0, 0, 0.1, 0, 0), (0, 0, 0, free, 0.1, free)
+for tolerance in tolerances:
+    loop.settings = loop.settings.with_values({"task.tolerance": tolerance})
+    controller.apply(loop.settings)
+    loop.follow(lambda time: begin, 0.3, 50.0)
+    controller.on_target_path(PathSample((base,) * 6, (0,) * 6, points, quaternions), loop.now)
+    loop.run(0.2)
+    controller.on_target_twist(TwistSample(0, base, np.full(6, 0.05)), loop.now)
+    loop.run(0.2)
 print(compiled, len(loop.steps), compilation_count() - before)
 """
 

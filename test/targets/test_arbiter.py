@@ -18,7 +18,8 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.json_codec import from_json, to_json
 from ik_node.settings.groups import Settings
-from ik_node.targets.arbiter import ArbiterSnapshot, TargetArbiter, TargetSource
+from ik_node.targets.arbiter import TargetArbiter
+from ik_node.targets.arbiter_state import ArbiterSnapshot, TargetSource
 from ik_node.targets.jog import TwistFrame
 
 TICK_NS = 2_000_000

@@ -161,6 +161,10 @@ class PathFollower:
         self._set_ramp(left_s, is_moving(self._path.motion(left_s)))
         s.transition = start_transition(reference, self._goal(), self._limits)
 
+    def move_to(self, reference: RigidMotion) -> None:
+        """Continues on the path with a transition from another motion."""
+        self._state.transition = start_transition(reference, self._goal(), self._limits)
+
     def _is_joinable(self) -> bool:
         transition = self._state.transition
         return transition is None or is_near(transition, JOIN_M, JOIN_RAD)

@@ -17,6 +17,7 @@ from ik_node.math.quaternion import Quaternion, from_matrix, to_matrix
 from ik_node.math.so3 import relative_rotation_vectors
 from ik_node.math.types import Array
 from ik_node.settings.groups import PathSettings
+from ik_node.targets.members import WHOLE_POSE, TaskMembers
 from ik_node.targets.path.se3_spline import Knots
 from ik_node.targets.path.spline_fit import estimated_accelerations
 from ik_node.targets.path.time_parametrisation import nominal_knots
@@ -53,7 +54,9 @@ class PathRequest(NamedTuple):
     """True if the poses have time stamps."""
 
 
-def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings) -> PathRequest:
+def request_from_path(
+    sample: PathSample, frame_pose: FramePose, now: Instant, settings: PathSettings, members: TaskMembers = WHOLE_POSE
+) -> PathRequest:
     """Checks a nav_msgs/Path.
 
     The time of each pose is its own stamp; the stamp of the path is ignored. Equal stamps: a path without times.
@@ -63,6 +66,7 @@ def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, s
         frame_pose: Function from the name of a frame to its pose T_sf.
         now: Time of arrival.
         settings: Speed along a path without times.
+        members: Replaces the poses by members of their families.
 
     Returns:
         The request.
@@ -74,7 +78,7 @@ def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, s
     _check_count(count)
     stamps = sample.stamps_ns
     bases = [(frame, _placed(frame_pose, frame, sample.frame_ids)) for frame in dict.fromkeys(sample.frame_ids)]
-    positions, orientations = _in_base(sample.positions, sample.quaternions, sample.frame_ids, bases)
+    positions, orientations = members.path(*_in_base(sample.positions, sample.quaternions, sample.frame_ids, bases))
     if len(set(stamps)) == 1:
         knots = nominal_knots(positions, orientations, settings)
         return PathRequest(knots.times_s, knots.positions, knots.orientations, knots, None, "", False)
@@ -84,7 +88,9 @@ def request_from_path(sample: PathSample, frame_pose: FramePose, now: Instant, s
     return PathRequest(times_s, positions, orientations, None, begin_ns, warning)
 
 
-def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now: Instant) -> PathRequest:
+def request_from_trajectory(
+    sample: TrajectorySample, frame_pose: FramePose, now: Instant, members: TaskMembers = WHOLE_POSE
+) -> PathRequest:
     """Checks a trajectory_msgs/MultiDOFJointTrajectory.
 
     Twists and accelerations are those of the tool point in the axes of the frame of the header: ROS defines only
@@ -94,6 +100,7 @@ def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now
         sample: The trajectory.
         frame_pose: Function from the name of a frame to its pose T_sf.
         now: Time of arrival.
+        members: Replaces the poses by members of their families.
 
     Returns:
         The request.
@@ -105,7 +112,8 @@ def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now
     _check_count(count)
     base = _placed(frame_pose, sample.frame_id, (sample.frame_id,))
     frames = (sample.frame_id,) * count
-    positions, orientations = _in_base(sample.positions, sample.quaternions, frames, [(sample.frame_id, base)])
+    poses = _in_base(sample.positions, sample.quaternions, frames, [(sample.frame_id, base)])
+    positions, orientations = members.path(*poses)
     times_s = _times([time - sample.times_ns[0] for time in sample.times_ns])
     _check_speeds(times_s, positions, orientations)
     first, last = sample.stamp_ns + sample.times_ns[0], sample.stamp_ns + sample.times_ns[-1]
@@ -113,12 +121,16 @@ def request_from_trajectory(sample: TrajectorySample, frame_pose: FramePose, now
     warning = ""
     if sample.stamp_ns != 0:
         begin_ns, warning = _begin("target_trajectory", first, last, now)
-    knots = _knots(sample, base, times_s, positions, orientations)
+    knots = _knots(sample, base, times_s, poses, members)
     return PathRequest(times_s, positions, orientations, knots, begin_ns, warning)
 
 
 def _knots(
-    sample: TrajectorySample, base: Array, times_s: Array, positions: Array, orientations: tuple[Quaternion, ...]
+    sample: TrajectorySample,
+    base: Array,
+    times_s: Array,
+    poses: tuple[Array, tuple[Quaternion, ...]],
+    members: TaskMembers,
 ) -> Knots | None:
     if not len(sample.twists):
         if len(sample.accelerations):
@@ -132,7 +144,7 @@ def _knots(
     too_hard = (np.abs(sample.accelerations) > HARDEST).any(axis=1)
     _refuse_first(too_hard, "pose {} has an acceleration above " + f"{HARDEST:g} m/s2 or rad/s2")
     rotation = base[:3, :3]
-    own = _rotations(orientations)
+    own = _rotations(poses[1])
 
     def halves(values: Array) -> tuple[Array, Array]:
         """Linear part in {s}, angular part in the frame of the knot."""
@@ -140,7 +152,11 @@ def _knots(
 
     velocities, rates = halves(sample.twists)
     zeros = np.zeros_like(velocities)
-    knots = Knots(times_s, positions, orientations, velocities, rates, zeros, zeros)
+    chosen = members.path(*poses)
+    twists = members.path_twists(poses, chosen, velocities, rates)
+    if twists is not None:
+        return estimated_accelerations(Knots(times_s, *chosen, *twists, zeros, zeros))
+    knots = Knots(times_s, *poses, velocities, rates, zeros, zeros)
     if not len(sample.accelerations):
         return estimated_accelerations(knots)
     accelerations, angular = halves(sample.accelerations)

@@ -109,6 +109,19 @@ class StreamedPoses:
         """Keeps following the same samples, from another motion."""
         self._state.filter_state = moved_to(self._state.filter_state, motion, time_ns)
 
+    def replace(self, pose_sd: Array | None, motion: RigidMotion, time_ns: int) -> None:
+        """Replaces the newest sample by another pose (4, 4), which is followed from another motion."""
+        s = self._state
+        s.filter_state = moved_to(s.filter_state, motion, time_ns)
+        if s.newest is None or pose_sd is None:
+            return
+        x, y, z = pose_sd[:3, 3].tolist()
+        s.newest = s.newest._replace(position=(x, y, z), orientation=from_matrix(pose_sd))
+        on_arrival = s.newest.time_ns == s.newest.received_ns
+        self._begin(s.newest, on_arrival)
+        s.filter_state = after_a_jump(s.filter_state)
+        self._update_curve(s.newest, on_arrival)
+
     def hold(self) -> None:
         """Stops following: comes to rest within the bounds until :meth:`start`."""
         self._state.held = True

@@ -1,0 +1,183 @@
+"""Feedback law of a task with a tolerance: the same law on the exact components, and the borders of the bands.
+
+With c, rows_b and rows_d of :mod:`ik_node.math.task_error`, and A the rows of rows_b that are followed exactly::
+
+    V_t = rows_d V_d + K_p c          of the exact components; the speed of the feedback is bounded as for whole poses
+    V_b = A^+ V_t                     the same as a body twist, zero along what is free
+
+A component c within its half-width w is not corrected. Its rate c' = f - r qd, with f the feed-forward of the target,
+is bounded where it approaches a border, -a (w + c) <= c' <= a (w - c), and a component beyond the border returns at
+K_p times its distance from it. As rows of the differential inverse kinematics::
+
+     r qd >=  f - a (w - c)           r qd >=  f + K_p (c - w)   beyond it
+    -r qd >= -f - a (w + c)          -r qd >= -f + K_p (-c - w)  beyond it
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik_node.control.feedback import DesiredTwist, twist_feedback
+from ik_node.differential_ik.task_rows import BandBorders, ToleranceRows, least_twist_map
+from ik_node.interfaces.motion import Motion
+from ik_node.jit import compiled
+from ik_node.math import se3
+from ik_node.math.quaternion import Vector, length
+from ik_node.math.task_error import (
+    NO_DIRECTION,
+    TaskForm,
+    task_deviation,
+)
+from ik_node.math.task_tolerance import TaskTolerance
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import ControlSettings, Settings
+from ik_node.settings.task import TaskSettings
+
+LEAST_BORDER_RATE = 1.0
+"""a is the gain, but at least this, 1/s: without feedback the arm may still use a band up to its border."""
+
+
+class TaskFeedbackSnapshot(NamedTuple):
+    """Attribute of a :class:`TaskFeedback`."""
+
+    swing_direction: Vector = NO_DIRECTION
+
+
+class TaskFeedback:
+    """The feedback law of the configured tolerance: that of :mod:`ik_node.control.feedback` for the whole pose."""
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        self._robot = robot
+        self.tolerance = TaskTolerance()
+        """The tolerance that the settings state."""
+        self.swing_direction: Vector = NO_DIRECTION
+        self.configure(settings)
+
+    def configure(self, settings: Settings) -> bool:
+        """Applies changed settings; True if the tolerance is another one."""
+        before = self.tolerance
+        self.tolerance = tolerance = tolerance_of(settings.task)
+        self._form: TaskForm | None = None if tolerance.is_exact else tolerance.form
+        self._exact = np.flatnonzero(tolerance.exact)
+        self._bands = np.flatnonzero(~tolerance.exact & ~tolerance.free)
+        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
+        if tolerance == before:
+            return False
+        self.swing_direction = NO_DIRECTION
+        self._borders = BandBorders(self._bands, np.zeros(2 * len(self._bands)))
+        return True
+
+    def twist(self, pose_sb: Array, motion: Motion, control: ControlSettings) -> DesiredTwist:
+        """The feedback law; keeps the borders of the bands for :meth:`rows`.
+
+        Args:
+            pose_sb: Pose of the tool, (4, 4).
+            motion: Desired motion.
+            control: Gains and bounds.
+
+        Returns:
+            What exceeds the tolerance, as a body error, and the twists.
+        """
+        if self._form is None:
+            return twist_feedback(pose_sb, motion, control)
+        desired, least, self.swing_direction = _feedback(
+            self._form,
+            self._exact,
+            self._bands,
+            np.ascontiguousarray(pose_sb),
+            np.ascontiguousarray(motion.pose_sd),
+            motion.twist_d,
+            *control.gain,
+            *control.max_feedback_twist,
+            self.swing_direction,
+        )
+        self._borders = BandBorders(self._bands, least)
+        return desired
+
+    def rows(self, motion: Motion, to_middle_s: float) -> ToleranceRows | None:
+        """Rows of the last :meth:`twist` for the differential inverse kinematics; None for the whole pose.
+
+        Args:
+            motion: Desired motion of that twist.
+            to_middle_s: Time from ``motion.pose_sd`` to the middle of the control interval, s.
+        """
+        if self._form is None:
+            return None
+        pose_sd = se3.compose(np.ascontiguousarray(motion.pose_sd), se3.exp6(to_middle_s * motion.twist_d))
+        return ToleranceRows(self._robot, self._row_scale, self._form, pose_sd, self.swing_direction, self._borders)
+
+
+def tolerance_of(task: TaskSettings) -> TaskTolerance:
+    """The tolerance that the settings state."""
+    return TaskTolerance(task.tolerance, task.frame)
+
+
+@compiled
+def _feedback(
+    form: TaskForm,
+    exact: NDArray[np.intp],
+    bands: NDArray[np.intp],
+    pose_sb: Array,
+    pose_sd: Array,
+    twist_d: Array,
+    gain_linear: float,
+    gain_angular: float,
+    max_linear: float,
+    max_angular: float,
+    swing_direction: Vector,
+) -> tuple[DesiredTwist, Array, Vector]:
+    deviation = task_deviation(form, pose_sb, pose_sd, swing_direction)
+    c, widths = deviation.components, form.half_widths
+    feedforward, outside, feedback = deviation.rows_d @ twist_d, np.zeros(6), np.zeros(6)
+    for first, gain, limit in ((0, gain_linear, max_linear), (3, gain_angular, max_angular)):
+        for i in range(first, first + 3):
+            if widths[i] == 0.0:
+                outside[i], feedback[i] = c[i], gain * c[i]
+            elif abs(c[i]) > widths[i]:
+                outside[i] = c[i] - widths[i] if c[i] > 0.0 else c[i] + widths[i]
+        speed = length((feedback[first], feedback[first + 1], feedback[first + 2]))
+        if speed > limit:
+            for i in range(first, first + 3):
+                feedback[i] *= limit / speed
+    count = len(bands)
+    least = np.empty(2 * count)
+    for k in range(count):
+        i = bands[k]
+        gain, limit = (gain_linear, max_linear) if i < 3 else (gain_angular, max_angular)
+        least[k] = feedforward[i] + _border_rate(c[i] - widths[i], gain, limit)
+        least[count + k] = -feedforward[i] + _border_rate(-c[i] - widths[i], gain, limit)
+    rows = np.empty((len(exact), 6))
+    wanted, lead = np.empty(len(exact)), np.empty(len(exact))
+    for k in range(len(exact)):
+        rows[k] = deviation.rows_b[exact[k]]
+        lead[k] = feedforward[exact[k]]
+        wanted[k] = lead[k] + feedback[exact[k]]
+    lift = least_twist_map(rows)
+    desired = DesiredTwist(_in_body(form, deviation.rows_b, outside, pose_sb), lift @ lead, lift @ wanted)
+    return desired, least, deviation.swing_direction
+
+
+@compiled
+def _border_rate(beyond: float, gain: float, limit: float) -> float:
+    """Least rate at which a component has to leave a border that it exceeds by ``beyond``; negative inside."""
+    if beyond > 0.0:
+        return min(gain * beyond, limit)
+    return max(gain, LEAST_BORDER_RATE) * beyond
+
+
+@compiled
+def _in_body(form: TaskForm, rows_b: Array, components: Array, pose_sb: Array) -> Array:
+    """Components of a deviation as vectors in {b}, with the same lengths."""
+    error = np.empty(6)
+    for i in range(3):
+        # the linear rows are the axes of the tolerance in {b}
+        error[i] = rows_b[0, i] * components[0] + rows_b[1, i] * components[1] + rows_b[2, i] * components[2]
+        error[3 + i] = components[3 + i]
+        if form.in_base:
+            x, y, z = pose_sb[0, i], pose_sb[1, i], pose_sb[2, i]
+            error[3 + i] = x * components[3] + y * components[4] + z * components[5]
+    return error

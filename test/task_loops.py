@@ -39,7 +39,8 @@ def target_of(start: Array, frame: str, free: Free) -> Callable[[float], Array]:
     """Time, s -> T_sd: 0.1 m and 0.4 rad in half a second, beside a motion in what is free."""
 
     def pose(time_s: float) -> Array:
-        moved, beside = start.copy(), free(time_s)
+        moved: Array = start.copy()
+        beside = free(time_s)
         moved[:3, :3] = Rotation.from_rotvec((0.4 * np.sin(2.0 * time_s), 0.3 * time_s, 0.2 * time_s)).as_matrix()
         moved[:3, :3] = moved[:3, :3] @ start[:3, :3]
         moved[:3, 3] += (0.1 * np.sin(3.0 * time_s), 0.1 * time_s, -0.05 * time_s)

@@ -92,6 +92,7 @@ class DifferentialIkSolver:
         self._control = settings.control
         self._obstacles = settings.obstacles
         self._singularity = settings.singularity
+        self._exact = settings.task.tolerance.count(0.0)
         self._method = METHODS[settings.control.method]
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
@@ -141,8 +142,8 @@ class DifferentialIkSolver:
             name = self._control.method
             if self.collision_monitor.unavailable:
                 return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
-            if self._robot.n <= 6:
-                return f"{name} has no effect: an arm of six joints has no null space"
+            if self._robot.n <= self._exact:
+                return f"{name} has no effect: {self._robot.n} joints and {self._exact} exact components, no null space"
         if self._obstacles.posture_weight > 0.0 and not self._obstacles.posture:
             return "obstacles.posture_weight has no effect: obstacles.posture is empty"
         return ""
@@ -160,8 +161,7 @@ class DifferentialIkSolver:
         """
         terms = self._avoidance_terms(state, self._method.avoids_obstacles)
         rows = self._whole_pose if rows is None else rows
-        jacobian, row_scale = rows.place(state.q_middle), rows.row_scale
-        twist = rows.twist(twist_b)
+        jacobian, row_scale, twist = rows.place(state.q_middle), rows.row_scale, rows.twist(twist_b)
         weight, gradient = self._cost(state, terms)
         gain = 0.0 if gradient is None else self._control.gradient_gain
         fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms)

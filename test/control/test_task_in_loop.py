@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from loop import Loop
+from loop import READY, Loop
 from recorded_loop import finish, recorded_loop
 from scipy.spatial.transform import Rotation
 from task_loops import (
@@ -29,12 +29,14 @@ from task_loops import (
 )
 
 from ik_node.errors import SettingsError
+from ik_node.interfaces.samples import ObstacleSample
 from ik_node.interfaces.step import Mode
 from ik_node.math.task_error import excess, task_deviation
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.replay.bitwise import replay
 from ik_node.replay.call_source import RecordingSource
+from ik_node.robot.catalogue import robot_from_settings
 from ik_node.settings.groups import Settings
 from ik_node.settings.parameter_file import read_settings
 
@@ -43,12 +45,12 @@ SAME = 1e-9
 
 
 def spin(rate: float, axis: int = 2) -> Free:
-    return lambda time_s: rate * time_s * np.eye(6)[3 + axis]
+    return lambda time_s: np.asarray(rate * time_s * np.eye(6)[3 + axis])
 
 
 def turned_over(time_s: float) -> Array:
     """Half a turn about z between two samples, 20 ms apart, and back."""
-    return np.eye(6)[5] * np.pi * (round(time_s / 0.02) % 2)
+    return np.asarray(np.eye(6)[5] * np.pi * (round(time_s / 0.02) % 2))
 
 
 def tumbling(time_s: float) -> Array:
@@ -89,9 +91,18 @@ def test_streams_that_differ_in_what_is_free_give_the_same_commands(
 @pytest.mark.parametrize("law", ["twist_feedback", "ik_difference"])
 @pytest.mark.parametrize("lag_s", [0.0, 0.02])
 def test_the_laws_and_the_predictor_do_not_see_what_is_free(law: str, lag_s: float) -> None:
-    values = {"control_law": law, "arm_lag_s": lag_s, "method": "obstacle_gradient", "integral_gain": (1.0, 1.0)}
-    still = stream_of(task_loop("panda", POINTING, **values), "tool", nothing)
-    assert np.abs(stream_of(task_loop("panda", POINTING, **values), "tool", spin(20.0)) - still).max() < SAME
+    runs = []
+    for free in (nothing, spin(20.0)):
+        loop = task_loop(
+            "panda",
+            POINTING,
+            control_law=law,
+            arm_lag_s=lag_s,
+            method="obstacle_gradient",
+            integral_gain=(1.0, 1.0),
+        )
+        runs.append(stream_of(loop, "tool", free))
+    assert np.abs(runs[1] - runs[0]).max() < SAME
 
 
 def test_the_whole_pose_is_followed_without_a_tolerance() -> None:
@@ -157,7 +168,7 @@ def test_jogging_that_differs_in_what_is_free_gives_the_same_commands(
             beside = rate * np.reshape(free, (2, 3))
             if frame == "tool":
                 beside = beside @ loop.steps[-1].pose_sd[:3, :3].T
-            return wanted + (beside @ turn).ravel()
+            return np.asarray(wanted + (beside @ turn).ravel())
 
         jog(loop, 0.5, twist, axes)
         assert loop.mode() is Mode.TRACKING
@@ -185,7 +196,8 @@ def test_a_target_within_the_tolerance_moves_nothing(tolerance: tuple[float, ...
     start = loop.pose()
 
     def target(time_s: float) -> Array:
-        beside, moved = free(time_s), start.copy()
+        beside = free(time_s)
+        moved: Array = start.copy()
         turn = Rotation.from_rotvec(beside[3:]).as_matrix()
         moved[:3, :3] = turn @ start[:3, :3] if frame == "base" else start[:3, :3] @ turn
         moved[:3, 3] += beside[:3] if frame == "base" else start[:3, :3] @ beside[:3]
@@ -229,7 +241,7 @@ def test_nothing_is_corrected_inside_a_band_and_nothing_chatters_at_its_border()
     start = loop.pose()
 
     def target(time_s: float) -> Array:
-        moved = start.copy()
+        moved: Array = start.copy()
         moved[:3, :3] = start[:3, :3] @ Rotation.from_rotvec((0.5 * np.sin(2.0 * time_s), 0.0, 0.0)).as_matrix()
         return moved
 
@@ -253,7 +265,7 @@ def test_a_band_is_dragged_along_with_the_feed_forward_of_its_target() -> None:
     start = loop.pose()
 
     def target(time_s: float) -> Array:
-        moved = start.copy()
+        moved: Array = start.copy()
         moved[0, 3] -= 0.1 * time_s
         return moved
 
@@ -278,7 +290,7 @@ def test_a_change_at_run_time_does_not_jump() -> None:
     start = loop.pose()
 
     def target(time_s: float) -> Array:
-        moved = start.copy()
+        moved: Array = start.copy()
         moved[:3, 3] += (0.0, 0.05 * np.sin(2.0 * time_s), 0.0)
         moved[:3, :3] = start[:3, :3] @ Rotation.from_rotvec((0.0, 0.0, 1.5)).as_matrix()
         return moved
@@ -407,3 +419,36 @@ def test_bands_alone_are_a_task() -> None:
     assert moved[0] == pytest.approx(0.03, abs=1e-4)
     assert np.linalg.norm(moved) < 0.04
     assert np.isnan(loop.steps[-1].singular_values).all()
+
+
+def clearance_beside_a_ball(tolerance: tuple[float, ...]) -> float:
+    """Clearance of a UR5 that holds a torch at 45 deg, beside a ball at its forearm, m."""
+    half = float(np.sin(np.pi / 8)), float(np.cos(np.pi / 8))
+    values = {
+        "robot": "ur5",
+        "tool_offset": (0.1, 0.0, 0.1, 0.0, half[0], 0.0, half[1]),
+        "task.tolerance": tolerance,
+        "method": "obstacle_gradient",
+        "obstacles.self_collision": False,
+    }
+    settings = Settings().with_values(values)
+    robot = robot_from_settings(settings.arm)
+    loop = Loop(robot, READY["ur5"], settings)
+    loop.run(0.02)
+    start = loop.pose()
+    ball = ObstacleSample(
+        0, robot.base_frame, "ball", "add", "sphere", (0.05,), np.array((0.3, 0.1, 0.3)), np.array((0, 0, 0, 1.0)), 0
+    )
+    loop.controller.on_obstacles((ball,), loop.now)
+    loop.follow(lambda time_s: start, 2.5, 20.0)
+    assert np.abs(loop.steps[-1].error_b).max() < 1e-6
+    assert np.linalg.norm(loop.pose()[:3, 3] - start[:3, 3]) < 1e-6
+    assert ("no null space" in loop.controller.status.reason) == (tolerance == (0.0,) * 6)
+    return loop.steps[-1].clearance
+
+
+def test_an_obstacle_pushes_a_pointing_ur5_in_its_null_space() -> None:
+    """The whole pose leaves it none; pointing gains clearance while the tool point and its axis stay."""
+    held, pointing = clearance_beside_a_ball((0.0,) * 6), clearance_beside_a_ball(POINTING)
+    print(f"clearance {1e3 * held:.1f} mm with the whole pose, {1e3 * pointing:.1f} mm pointing")
+    assert pointing > held + 0.01

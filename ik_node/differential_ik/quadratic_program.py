@@ -171,13 +171,16 @@ def nearest_to_ray(
     return np.minimum(np.maximum(point[:n], lo), hi), min(max(t, 0.0), 1.0)
 
 
-def nearest_to_twist(jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array) -> Array | None:
-    """The qd of least \\|J qd - V\\|, in any direction, with lo <= qd <= hi and ``rows`` qd >= ``least``; None if none.
+def nearest_to_twist(
+    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, damping: float
+) -> Array | None:
+    """The qd of least \\|J qd - V\\|^2 + ``damping`` \\|qd\\|^2 within lo <= qd <= hi and ``rows`` qd >= ``least``.
 
-    Damped by a thousandth of the mean squared singular value, so that it stays small where J is nearly singular.
+    Returns:
+        (n,); None if the solver finds none.
     """
     hessian = jacobian.T @ jacobian
-    hessian[np.diag_indices(len(lo))] += 1e-3 * np.trace(hessian) / len(lo)
+    hessian[np.diag_indices(len(lo))] += damping
     upper = np.concatenate((np.minimum(hi, UNLIMITED), np.full(len(least), UNLIMITED)))
     lower = np.concatenate((np.maximum(lo, -UNLIMITED), least))
     slope = -(jacobian.T @ twist)

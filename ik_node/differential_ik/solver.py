@@ -14,7 +14,7 @@ from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, resolve
 from ik_node.differential_ik.constrained import ConstrainedSolution
-from ik_node.differential_ik.deadlock import TIMEOUT_S, release_direction, stalled_time
+from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS, check_masses
@@ -53,7 +53,7 @@ class SolverSnapshot(NamedTuple):
     task_scale: float
     """s of the limits."""
     stalled_s: float
-    """For how long a limit has been blocking the arm, s."""
+    """For how long limits or a singularity have been keeping the arm from its twist, s."""
 
 
 INITIAL = SolverSnapshot(START, 1.0, 0.0)
@@ -197,10 +197,11 @@ class DifferentialIkSolver:
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
         scale = wish if limited is None else limited.task_scale
-        stalled_s = self._stalled_time(twist, scale, state.elapsed_s)
+        fraction = executed_fraction(twist, scale * task.twist, row_scale)
+        stalled_s = self._stalled_time(twist, fraction, state.elapsed_s)
         self._snapshot = SolverSnapshot(task.state, 1.0 if scale >= wish else scale / wish, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
-        if limited is not None and stalled_s > TIMEOUT_S:
+        if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
         velocity = _within_velocity_limits(velocity, bounds)
         off_direction = jacobian @ velocity - scale * (twist - task.truncated)
@@ -360,8 +361,8 @@ class DifferentialIkSolver:
             gradient = secondary if gradient is None else gradient + secondary
         return weight, gradient
 
-    def _stalled_time(self, twist: Array, task_scale: float, elapsed_s: float) -> float:
-        return stalled_time(self._snapshot.stalled_s, task_scale, float(np.abs(twist).max()), elapsed_s)
+    def _stalled_time(self, twist: Array, fraction: float, elapsed_s: float) -> float:
+        return stalled_time(self._snapshot.stalled_s, fraction, float(np.abs(twist).max()), elapsed_s)
 
     def _limits_off_direction(
         self,

@@ -1,0 +1,89 @@
+"""Poses at rest that an arm can reach, and at which it came to rest some millimetres off, beside a singularity.
+
+In these cases the limits admit small motions that reduce the error, and the truncation at a singularity did not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from loop import Loop, make_robot
+
+from ik_node.math import se3
+from ik_node.math.types import Array
+from ik_node.robot.robot import Robot
+from ik_node.settings.groups import Settings
+
+REACHED_M = 1e-4
+"""Error from which a pose counts as reached, m; rotations times the characteristic length."""
+
+
+def error_m(loop: Loop, goal: Array) -> float:
+    scale = np.repeat((1.0, loop.settings.control.characteristic_length), 3)
+    return float(np.linalg.norm(scale * se3.log(se3.inverse(loop.pose()) @ goal)))
+
+
+class Approach:
+    """A loop in which one pose is sent again and again, and the error after each 0.1 s."""
+
+    def __init__(self, robot: Robot, start: Array, goal: Array, method: str) -> None:
+        values = {"rate_hz": 100.0, "method": method, "obstacles.geometry": "none"}
+        self.loop, self.goal = Loop(robot, start, Settings().with_values(values)), goal
+        self.loop.run(0.05)
+        self.errors: list[float] = []
+
+    def run(self, duration_s: float) -> None:
+        """Runs until the pose is reached, ``duration_s`` at most."""
+        for _ in range(round(duration_s / 0.1)):
+            self.loop.target(self.goal)
+            self.loop.run(0.1)
+            self.errors.append(error_m(self.loop, self.goal))
+            if self.errors[-1] < REACHED_M:
+                break
+
+
+def moved(robot: Robot, x: float, y: float, z: float) -> tuple[Array, Array]:
+    """Joint positions of zero, and the pose there, moved along the base frame."""
+    start = np.zeros(robot.n)
+    goal = robot.pose(start).copy()
+    goal[:3, 3] += (x, y, z)
+    return start, goal
+
+
+BAXTER = (
+    (-0.0008, 0.0062, -0.0119, -0.0131, -0.0129, 0.0336, 0.0038, 0.0078),
+    (0.1143, 0.117, -0.0895, 0.1166, -0.0164, -0.0967, -0.0952, 0.0195),
+)
+UR5 = ((0.0272, 0.0149, 0.0032, 0.0261, 0.0185, 0.0149), (0.1, 0.1495, 0.0096, 0.2061, 0.1127, 0.1309))
+PR2 = (np.zeros(9), (0.0062, -0.1528, -0.0559, -0.1626, -0.0464, -0.0959, -0.0943, -0.0847, 0.011))
+
+
+@pytest.mark.parametrize(
+    ("name", "positions", "method", "before_m"),
+    [
+        ("baxter", BAXTER, "plain", 0.17e-3),
+        ("baxter", BAXTER, "inertia_weighted", 1.0e-3),
+        ("ur5", UR5, "plain", 0.105e-3),
+        ("pr2", PR2, "inertia_weighted", 0.87e-3),
+        ("pr2", (-0.1, 0.0, 0.0), "plain", 99e-3),
+    ],
+)
+def test_a_truncation_that_keeps_the_arm_at_rest_is_released(
+    name: str, positions: Any, method: str, before_m: float
+) -> None:
+    """Without the release the arm rests ``before_m`` off the pose; the error decreases from there on."""
+    robot = make_robot(name)
+    if len(positions) == 3:
+        start, goal = moved(robot, *positions)
+    else:
+        start, goal = np.array(positions[0]), robot.pose(np.array(positions[1]))
+    approach = Approach(robot, start, goal, method)
+    approach.run(30.0)
+    errors = np.array(approach.errors)
+    assert errors[-1] < REACHED_M
+    late = errors[np.argmax(errors < 1.05 * before_m) :]
+    assert (np.diff(late) < 0.01 * before_m).all(), "the tool is not led away from the pose"
+    for step in approach.loop.steps:
+        assert (np.abs(step.joint_velocity) <= robot.limits.velocity).all()

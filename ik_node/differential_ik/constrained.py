@@ -249,7 +249,10 @@ def _solve_active(
     solution = _solve_program(*program, base, base_scale)
     if np.isnan(solution.scale):
         scaled = row_scale[:, None] * jacobian
-        base, base_scale = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
+        nearest = quadratic_program.nearest_to_ray(scaled, scaled_twist, lo, hi, rows, least, base)
+        if bands is not None:  # bands that the base violates are relaxed, so that it must be unique
+            nearest = quadratic_program.least_motion(scaled, scaled_twist, lo, hi, rows, least, nearest)
+        base, base_scale = nearest
         solution = _solve_program(*program, base, base_scale)
     qd = np.minimum(np.maximum(solution.joint_velocity, lo), hi)
     if not np.isfinite(qd).all():

@@ -171,6 +171,31 @@ def nearest_to_ray(
     return np.minimum(np.maximum(point[:n], lo), hi), min(max(t, 0.0), 1.0)
 
 
+def least_motion(
+    jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, point: tuple[Array, float]
+) -> tuple[Array, float]:
+    """The qd and t of least \\|qd\\|^2 + (t \\|V\\|)^2 among those with the deviation J qd - t V of a ``point`` inside.
+
+    :func:`nearest_to_ray` determines the deviation, but of many qd with that deviation it returns any.
+    """
+    n, speed = len(lo), float(np.sqrt(twist @ twist))
+    if speed == 0.0:
+        return point
+    start = np.append(point[0], speed * point[1])
+    _, sizes, axes = np.linalg.svd(np.column_stack((jacobian, -twist / speed)))
+    free = axes[int((sizes > ROUNDING * sizes[0]).sum()) :].T
+    matrix = np.vstack((np.eye(n + 1), -np.eye(n + 1), -np.column_stack((rows, np.zeros(len(least))))))
+    limits = np.concatenate((hi, [speed], -lo, [0.0], -least))
+    limited = np.isfinite(limits)
+    zeta, beta = matrix[limited] @ free, np.maximum(limits[limited] - matrix[limited] @ start, 0.0)
+    cost = NullSpaceCost(np.eye(free.shape[1]), free.T @ start, np.zeros(free.shape[1]))
+    z = _least_cost(cost, 0.0, np.zeros(len(beta)), zeta, beta, PRIMAL_TOLERANCE)
+    if z is None:
+        return point
+    moved = start + free @ z
+    return np.minimum(np.maximum(moved[:n], lo), hi), min(max(float(moved[n]) / speed, 0.0), 1.0)
+
+
 def nearest_to_twist(
     jacobian: Array, twist: Array, lo: Array, hi: Array, rows: Array, least: Array, damping: float
 ) -> Array | None:

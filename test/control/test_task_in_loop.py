@@ -409,7 +409,7 @@ def test_a_rotation_of_half_a_turn_or_more_is_free() -> None:
 
 def test_bands_alone_are_a_task() -> None:
     """No component is exact: the arm moves only as far as the bands require."""
-    loop = task_loop("ur5", (0.02, 0.02, 0.02, 0.1, 0.1, 0.1))
+    loop = task_loop("ur5", (0.02, 0.02, 0.02, 0.1, 0.1, 0.1), target__max_acceleration=(0.5, 5.0))
     start = loop.pose()
     goal = start.copy()
     goal[:3, 3] += (0.05, 0.0, 0.0)

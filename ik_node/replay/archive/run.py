@@ -40,7 +40,7 @@ class ArchiveResult(NamedTuple):
 
 
 def replay_archive(
-    bags: Sequence[FoundBag], task: ReplayTask, distribute: Distribute, folder: Path, output: TextIO = sys.stderr
+    bags: Sequence[FoundBag], task: ReplayTask, distribute: Distribute, folder: Path, output: TextIO | None = None
 ) -> ArchiveResult:
     """Replays recordings and writes their table.
 
@@ -52,7 +52,7 @@ def replay_archive(
         task: What to do with each.
         distribute: Where they are replayed.
         folder: Of the tables, reports and kept rows; created when it does not exist.
-        output: Where the progress is printed.
+        output: Where the progress is printed; default: stderr.
 
     Raises:
         RecordingError: The folder cannot be written.
@@ -64,7 +64,7 @@ def replay_archive(
         rows = {bag: row for bag in bags if (row := _kept(folder, keys[bag])) is not None}
         kept = len(rows)
         missing = [bag for bag in bags if bag not in rows]
-        with Progress(len(bags), kept, output) as progress:
+        with Progress(len(bags), kept, output or sys.stderr) as progress:
             for bag, result in distribute(missing, task) if missing else ():
                 _keep(folder, keys[bag], result)
                 rows[bag] = result.row

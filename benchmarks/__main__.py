@@ -11,6 +11,7 @@ from ik_node.cli.entry import command_line
 from ik_node.errors import IkNodeError
 
 BENCHMARKS = {
+    "archive": "recordings replayed per minute, with 1 and 2 processes and Dask workers",
     "ik": "inverse kinematics: success rate and time on random poses, with published tables",
     "limits": "stress targets against joint limits, starts outside limits, lag and noise, singularities",
     "obstacles": "gradients, scenes beside the path, obstacles on the path, computing time",

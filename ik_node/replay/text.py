@@ -16,6 +16,7 @@ _MAX_LENGTH = 300
 def as_plain(result: Comparison) -> dict[str, Any]:
     """A bitwise replay as JSON data."""
     return {
+        "verdict": replay_verdict(result),
         "identical": result.identical,
         "passed": result.passed,
         "tolerance": TOLERANCE,
@@ -50,6 +51,7 @@ def as_text(recorded: RecordedCalls, result: Comparison, took_s: float) -> str:
     head = recorded.head
     robot = head.setup["robot"] or "a robot given as URDF"
     lines = [
+        replay_verdict(result),
         f"recording {recorded.path}: {head.node}, {robot}, method {head.settings.control.method}",
         f"replayed  {result.calls} calls, {result.steps} control steps, {result.duration_s:.1f} s in {took_s:.2f} s"
         f" ({result.duration_s / took_s:.1f} times real time)",
@@ -62,6 +64,17 @@ def as_text(recorded: RecordedCalls, result: Comparison, took_s: float) -> str:
             f" {result.skipped_calls} calls before the next recorded snapshot were skipped"
         )
     return "\n".join((*lines, *_conclusion(result)))
+
+
+def replay_verdict(result: Comparison) -> str:
+    """The result of a replay in one sentence."""
+    if result.identical:
+        return f"Replayed bit for bit: {result.steps} control steps."
+    if result.passed:
+        return f"Replayed within rounding on another platform: {result.steps} control steps."
+    first = result.first_beyond_tolerance or result.first
+    where = "" if first is None else f" from {first.time_s:.3f} s: {first.field} by {first.size:.3g}"
+    return f"Not the recorded run{where}."
 
 
 def _conclusion(result: Comparison) -> list[str]:

@@ -16,8 +16,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; min-width
 th, td { text-align: left; padding: 4px 14px 4px 0; border-bottom: 1px solid #e6e8ea; vertical-align: top; }
 th { cursor: pointer; white-space: nowrap; user-select: none; position: sticky; top: 0; background: #fff; }
 th[aria-sort="ascending"]::after { content: " \\25B2"; } th[aria-sort="descending"]::after { content: " \\25BC"; }
-td.number, th.number { text-align: right; } td.number { white-space: nowrap; } a { color: #0072b2; }
-td.verdict { border-left: 6px solid; padding-left: 8px; min-width: 260px; }
+td.number, th.number { text-align: right; } td.number, td.date { white-space: nowrap; } a { color: #0072b2; }
+td.verdict { border-left-width: 6px; border-left-style: solid; padding-left: 8px; min-width: 260px; }
 @media (max-width: 640px) { body { padding: 8px 12px 32px; } }
 """
 SCRIPT = """
@@ -47,9 +47,10 @@ def as_page(rows: Sequence[BagRow], reports: Sequence[str]) -> str:
     """
     runs = tuple(dict.fromkeys(name for row in rows for name in row.what_if))
     heads = [
-        *(f"<th>{name}</th>" for name in ("bag", "robot", "method", "version", "recorded", "verdict")),
+        "<th>bag</th><th>verdict</th>",
         *(f'<th class="number">{name}</th>' for name in ("RMS [mm]", "max [mm]", "slowed [s]")),
         "<th>worst limit</th><th>replay</th>",
+        *(f"<th>{name}</th>" for name in ("robot", "method", "version", "recorded")),
         *(f'<th class="number">what if {html.escape(name)}: RMS [mm]</th>' for name in runs),
     ]
     lines = "".join(_line(row, report, runs) for row, report in zip(rows, reports, strict=True))
@@ -71,11 +72,13 @@ def _line(row: BagRow, report: str, runs: Sequence[str]) -> str:
     replayed = row.replay + (f": {row.first_difference}" if row.first_difference else "")
     cells = [
         f"<td>{link}</td>",
-        *(f"<td>{html.escape(text)}</td>" for text in (row.robot, row.method, row.version, row.recorded_utc)),
-        f'<td class="verdict" style="border-color:{_colour(row)}">{html.escape(row.verdict or row.error)}</td>',
+        f'<td class="verdict" style="border-left-color:{_colour(row)}">{html.escape(row.verdict or row.error)}</td>',
         *(_number(value) for value in (row.position_rms_mm, row.position_max_mm, row.slowed_s)),
         f"<td>{html.escape(row.worst_limit)}</td>",
-        f"<td>{html.escape(f'{replayed}: {row.error}' if row.error else replayed)}</td>",
+        f"<td>{html.escape(f'{replayed}: {row.error}' if row.error and row.verdict else replayed)}</td>",
+        f"<td>{html.escape(row.robot)}</td><td>{html.escape(row.method)}</td>",
+        f'<td title="{html.escape(row.version, quote=True)}">{html.escape(row.version.partition(" ")[0])}</td>',
+        f'<td class="date">{html.escape(row.recorded_utc)}</td>',
         *(_number(row.what_if.get(run, {}).get("position_rms_mm")) for run in runs),
     ]
     return f"<tr>{''.join(cells)}</tr>\n"

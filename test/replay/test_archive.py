@@ -135,7 +135,7 @@ def test_a_call_that_was_ended_continues(fleet: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         replay_archive(bags, QUICK, ended, tmp_path, io.StringIO())
     (kept,) = (tmp_path / "rows").glob("*.json")
-    asked = []
+    asked: list[str] = []
 
     def rest(bags: Sequence[FoundBag], task: ReplayTask) -> Iterator[tuple[FoundBag, BagResult]]:
         asked.extend(bag.name for bag in bags)
@@ -162,7 +162,7 @@ def test_what_if_runs_stand_beside_the_recording(fleet: Path) -> None:
 def test_a_killed_process_does_not_lose_its_recordings(fleet: Path) -> None:
     """All processes of the pool are killed after the first result; the rest is replayed one by one."""
     bags = find_bags([str(fleet)])
-    found = {}
+    found: dict[str, str] = {}
     for bag, result in replay_locally(bags, QUICK, jobs=1):
         if not found:
             for process in multiprocessing.active_children():

@@ -38,7 +38,7 @@ def test_a_killed_worker_costs_no_row(cluster: Any, tmp_path: Path) -> None:
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "broken_0.mcap").write_bytes(b"no MCAP")
     bags = find_bags([str(tmp_path)])
-    found = {}
+    found: dict[str, str] = {}
     for bag, result in replay_on_cluster(bags, QUICK, cluster.scheduler_address):
         if not found:
             victim = next(iter(cluster.workers.values()))

@@ -75,6 +75,7 @@ class Controller:
         self._frames = Frames(robot)
         self._state_machine = StateMachine()
         self._status = self._state_machine.reporter
+        self._status.note("task", self._velocity_controller.task_note)
         self._timer = StepTimer(settings.control.rate_hz)
         self._following_error = FollowingErrorMonitor(robot, settings.follow)
         self._tick = 0
@@ -242,6 +243,7 @@ class Controller:
         law = self._velocity_controller
         law.configure(settings)
         self._status.note("limits", law.slowing())
+        self._status.note("task", law.task_note)
         self._state_machine.change_ramp(law.velocity, law.solver.limits.acceleration, law.commanded_ns)
         self.settings = settings
         self._joint_states.configure(settings)

@@ -34,6 +34,7 @@ from ik_node.math.task_error import (
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
+from ik_node.robot.task_rank import task_rank
 from ik_node.settings.groups import ControlSettings, Settings
 from ik_node.settings.task import TaskSettings
 
@@ -109,6 +110,12 @@ class TaskFeedback:
             return None
         pose_sd = se3.compose(np.ascontiguousarray(motion.pose_sd), se3.exp6(to_middle_s * motion.twist_d))
         return ToleranceRows(self._robot, self._row_scale, self._form, pose_sd, self.swing_direction, self._borders)
+
+
+def task_note(robot: Robot, tolerance: TaskTolerance, proposes: bool) -> str:
+    """What of a task the arm cannot follow in general; empty for nothing. See :func:`task_rank` for ``proposes``."""
+    text = task_rank(robot, tolerance, proposes).text(tolerance)
+    return f"{text}; the deviation is the least one" if text else ""
 
 
 def tolerance_of(task: TaskSettings) -> TaskTolerance:

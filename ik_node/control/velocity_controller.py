@@ -15,7 +15,7 @@ from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
 from ik_node.control.off_direction_warning import NO_WARNING, OffDirectionWarning, updated_warning
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
-from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot
+from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot, task_note
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
 from ik_node.interfaces.clock import NS, Instant
@@ -80,6 +80,8 @@ class VelocityController:
         self._robot = robot
         self._control = settings.control
         self._task = TaskFeedback(robot, settings)
+        self.task_note = task_note(robot, self._task.tolerance, proposes=True)
+        """What of the task the arm cannot follow in general; empty for nothing."""
         self.solver = DifferentialIkSolver(robot, settings)
         self._ik = IkDifference(robot, self._task.tolerance)
         self._integral = IntegralAction()
@@ -98,6 +100,7 @@ class VelocityController:
         if self._task.configure(settings):
             self.solver.reset()
             self._ik.configure(self._task.tolerance)
+            self.task_note = task_note(self._robot, self._task.tolerance, proposes=False)
         self._smith_predictor.configure(settings.control)
 
     def capture(self) -> VelocityControllerSnapshot:

@@ -16,9 +16,12 @@ from ik_node.differential_ik.methods import METHODS
 from ik_node.inverse_kinematics.pose_solver import solve_pose
 from ik_node.math import se3
 from ik_node.math.types import Array
+from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import Settings
+from ik_node.settings.groups import ArmSettings, Settings
 
+FINGER_TIPS = {"baxter": "l_gripper_l_finger_tip", "pr2": "l_gripper_l_finger_tip_link"}
+"""Tool frames with which the joint of a finger is controlled as well."""
 REACHED_M = 1e-4
 """Error from which a pose counts as reached, m; rotations times the characteristic length."""
 
@@ -78,7 +81,7 @@ def test_a_truncation_that_keeps_the_arm_at_rest_is_released(
     name: str, positions: tuple[tuple[float, ...], tuple[float, ...]], method: str, before_m: float
 ) -> None:
     """Without the release the arm rests ``before_m`` off the pose; the error decreases from there on."""
-    robot = make_robot(name)
+    robot = robot_from_settings(ArmSettings(robot=name, tip_frame=FINGER_TIPS.get(name, "")))
     start, end = np.array(positions[0]), positions[1]
     goal = moved(robot, start, end) if end is BACKWARDS else robot.pose(np.array(end))
     approach = Approach(robot, start, goal, method)

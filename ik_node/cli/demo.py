@@ -101,7 +101,7 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
     for name, flag, value in (
         ("method", "--method", options.method),
         ("rate_hz", "--rate", options.rate),
-        ("obstacles.scene", "--scene", options.scene and json.dumps(str(options.scene.resolve()))),
+        ("obstacles.scene", "--scene", options.scene and json.dumps(str(options.scene.absolute()))),
         ("robot", "--robot", options.robot),
         ("base_frame", "--base", options.base),
         ("tip_frame", "--tip", options.tip),

@@ -8,12 +8,14 @@ import select
 import sys
 from collections.abc import Callable, Sequence
 
-from ik_node.errors import EXTRAS, MissingPackageError, PackagesError
+from ik_node.errors import EXTRAS, MissingPackageError, PackagesError, one_line
 
 CLOSED_OUTPUT = 141
 """Exit code when the reader of the output has closed it: that of a process ended by SIGPIPE in a shell."""
 UNUSABLE = 2
-"""Exit code when a package is missing or does not fit."""
+"""Exit code when a package is missing or does not fit, or a file cannot be opened."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C: that of a process ended by SIGINT in a shell."""
 
 Main = Callable[[Sequence[str] | None], int]
 
@@ -24,8 +26,8 @@ def command_line(main: Main) -> Callable[..., int]:
     The result returns :data:`CLOSED_OUTPUT` when the reader of stdout or stderr has closed it. The signal SIGPIPE keeps
     its Python default, since it would end a node for any broken connection; a BrokenPipeError of another file is
     raised.
-    When a package of an extra is missing, or numerical packages do not fit together, the result prints one line and
-    returns :data:`UNUSABLE`.
+    When a package of an extra is missing, numerical packages do not fit together, or a file cannot be opened, the
+    result prints one line and returns :data:`UNUSABLE`; after Ctrl-C it returns :data:`INTERRUPTED`.
     """
 
     @functools.wraps(main)
@@ -39,6 +41,13 @@ def command_line(main: Main) -> Callable[..., int]:
             if not _is_output_closed():
                 raise
             return CLOSED_OUTPUT
+        except OSError as error:
+            if error.filename is None:
+                raise
+            print("error:", one_line(f"'{error.filename}': {error.strerror}"), file=sys.stderr)
+            return UNUSABLE
+        except KeyboardInterrupt:
+            return INTERRUPTED
         except PackagesError as error:
             print(f"error: {error}", file=sys.stderr)
             return UNUSABLE

@@ -12,10 +12,20 @@ from ik_node.errors import IkNodeError, InputError
 
 SUFFIXES = (".csv", ".json")
 
+EPILOG = """\
+examples:
+  ik_export my_run/bag steps.csv
+  ik_export my_run/bag steps.csv steps.json
+
+exit code: 0 written, 2 a file cannot be read or written
+"""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    result = argparse.ArgumentParser(prog="ik_export", description=__doc__)
+    result = argparse.ArgumentParser(
+        prog="ik_export", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     result.add_argument("bag", type=Path, help="recording: a folder, or one of its files")
     result.add_argument("out", type=Path, nargs="*", help="new files, .csv or .json")
     result.add_argument(

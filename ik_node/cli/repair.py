@@ -14,13 +14,18 @@ from ik_node.errors import IkNodeError
 if TYPE_CHECKING:
     from ik_node.recording.mcap.repair import Repair
 
+EPILOG = """\
+example:
+  ik_repair my_run/bag
+
+exit code: 0 the recording is complete, 2 it cannot be completed
+"""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argparse.ArgumentParser(
-        prog="ik_repair",
-        description=__doc__,
-        epilog="Exit code 0: the recording is complete; 2: it cannot be completed.",
+        prog="ik_repair", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     result.add_argument("bag", type=Path, help="recording: a folder, or one MCAP file")
     return result

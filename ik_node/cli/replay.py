@@ -31,15 +31,24 @@ DIFFERENT_BITS, UNUSABLE = 1, 2
 TABLE = "ik_replay_table"
 """Folder of the table of many recordings."""
 
+EPILOG = """\
+examples:
+  ik_replay my_run/bag                            bit for bit
+  ik_replay my_run/bag --method inertia_weighted  the recorded targets with another method, simulated
+  ik_replay my_run/bag --method all --set gain=[5.0,5.0] --open-loop
+  ik_replay other_bag --robot panda               a bag of another program
+  ik_replay my_run/bag --ros --input target_pose  the recorded targets to a running node
+  ik_replay my_runs/ --jobs 2                     all recordings below a folder: one table
+
+exit code: 0 same bits (other machine: same but for rounding), 1 different, 2 not replayable;
+of many recordings the highest
+"""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argparse.ArgumentParser(
-        prog="ik_replay",
-        description=__doc__,
-        epilog="Exit code 0: same bits (other machine: same but for rounding); 1: different; 2: not replayable. "
-        "Many recordings: the highest of theirs.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="ik_replay", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     about = "recording: a folder, or one of its files; several, or a folder of recordings, or fsspec URLs: a table"
     result.add_argument("bag", nargs="+", help=about)
@@ -99,7 +108,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _refuse_without_effect(options: argparse.Namespace, external: bool) -> None:
-    """Raise SettingsError for options that this call would ignore."""
+    """Raise SettingsError for options that this call would ignore, and for a number of runs that is none."""
+    if options.jobs is not None and options.jobs < 1:
+        raise SettingsError(f"--jobs is {options.jobs}; valid: 1 or more")
     simulates = not options.ros and bool(external or options.method or options.set)
     for names, has_effect, reason in (
         (("to", "input"), options.ros, "without --ros"),
@@ -181,7 +192,7 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
     else:
         truth = ground_truth_of(options.bag, options.node)
     begin = time.perf_counter()
-    found = compare(opened, wanted, truth, max(1, options.jobs or os.cpu_count() or 1))
+    found = compare(opened, wanted, truth, options.jobs or os.cpu_count() or 1)
     took_s = time.perf_counter() - begin
     commands = []
     if options.open_loop and not external:

@@ -20,13 +20,21 @@ UNUSABLE = 2
 MOST_IN_NAME = 3
 """Largest number of recordings in the name of a file."""
 
+EPILOG = """\
+examples:
+  ik_report my_run/bag
+  ik_report my_run/bag --html --png
+  ik_report first/bag second/bag --out compared.pdf
+  ik_report my_run/bag --truth poses.txt --json
+
+exit code: 0 reported, 2 a recording cannot be read or a file cannot be written
+"""
+
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argparse.ArgumentParser(
-        prog="ik_report",
-        description=__doc__,
-        epilog="Exit code 0: reported; 2: a recording cannot be read, or a file cannot be written.",
+        prog="ik_report", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     result.add_argument("bag", type=Path, nargs="+", help="folder of a recording, or its MCAP file; several: overlaid")
     about = "file of the intended motion of the tool, with times in ROS time: as for ik_demo, or a bag"

@@ -18,11 +18,24 @@ from ik_node.errors import IkNodeError
 UNUSABLE = 2
 PERIOD_S = 1.0 / 30.0
 LOCAL = "127.0.0.1"
+MAX_PORT = 65535
+
+EPILOG = """\
+examples:
+  ik_view my_run/bag --open
+  ik_view --live
+  ik_view --live --node /left/ik_node --ros-args -r joint_states:=/left/joint_states
+
+With --live it subscribes to joint_states, robot_description, and the outputs, targets and obstacles of the node.
+exit code: 0 ended by Ctrl-C, 2 there is nothing to show
+"""
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    result = argparse.ArgumentParser(prog="ik_view", description=__doc__)
+    result = argparse.ArgumentParser(
+        prog="ik_view", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     result.add_argument("bag", type=Path, nargs="?", help="folder or file of a recording")
     result.add_argument("--live", action="store_true", help="show a running node instead")
     result.add_argument("--node", default="", help="full name of the node [the only one recorded; live: /ik_node]")
@@ -41,6 +54,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until Ctrl-C or SIGTERM, then return 0; 2 when there is nothing to show."""
     options = parser().parse_args(arguments)
+    if not 0 <= options.port <= MAX_PORT:
+        print(f"error: --port is {options.port}; valid: 0 to {MAX_PORT}", file=sys.stderr)
+        return UNUSABLE
     if (options.bag is None) != options.live:
         print("error: expected a recording, or --live for a running node", file=sys.stderr)
         return UNUSABLE

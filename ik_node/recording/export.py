@@ -58,8 +58,8 @@ def write_csv(run: Run, path: Path) -> None:
             writer = csv.writer(file)
             writer.writerow(table)
             writer.writerows(zip(*table.values(), strict=True))
-    except OSError as error:
-        raise RecordingError(f"'{path}' cannot be written: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise RecordingError(f"'{path}' cannot be written: {getattr(error, 'strerror', None) or error}") from error
 
 
 def write_json(run: Run, path: Path) -> None:
@@ -78,8 +78,8 @@ def write_json(run: Run, path: Path) -> None:
     try:
         with path.open("x", encoding="utf-8") as file:
             json.dump(document, file, allow_nan=False)
-    except OSError as error:
-        raise RecordingError(f"'{path}' cannot be written: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise RecordingError(f"'{path}' cannot be written: {getattr(error, 'strerror', None) or error}") from error
 
 
 def _component_names(field: StepField, joints: tuple[str, ...]) -> list[str]:

@@ -38,7 +38,7 @@ from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
-from ik_node.ros.status_log import StatusLog
+from ik_node.ros.status_log import StatusLog, log_line
 from ik_node.ros.steady_timer import create_steady_timer
 from ik_node.ros.step_rates import StepRates
 from ik_node.ros.throttled_log import ThrottledLog
@@ -61,7 +61,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         super().__init__("ik_node")
         self._autostart = parameters.declare(self, arguments)
-        self._status_log = StatusLog(self._write_log)
+        self._status_log = StatusLog(lambda level, line: log_line(self, level, line))
         self._rates = StepRates()
         self._joint_states_skipped = 0
         self._configured_with = ""
@@ -150,6 +150,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """Close topics and recording."""
         del state
         self._close()
+        self.get_logger().info("not configured any more: waiting for a request to configure")
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -358,12 +359,6 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
             if message is not None:
                 self._recorder.record(message, self._now())
             self._status_log.add(status)
-
-    def _write_log(self, level: Level, line: str) -> None:
-        if level is Level.ERROR:
-            self.get_logger().error(line)
-        else:
-            self.get_logger().warning(line)
 
     def _start_recording(self) -> str:
         """Start a recording and return its folder; raises RecordingError when that is not possible."""

@@ -16,6 +16,8 @@ from ik_node.settings.schema import Descriptor, check, converted, limits_per_ele
 
 BIG = 1e12
 """Replaces an infinite limit: ROS parameter ranges have two finite ends."""
+LONGEST_SHOWN = 60
+"""Characters of a value in the log."""
 AUTOSTART = Descriptor(
     "autostart", True, "Configure and activate without a request.", "", None, None, (), True, bool, 0
 )
@@ -151,22 +153,36 @@ def follow_changes(
         apply: Called with the new settings after all callbacks have accepted the change.
     """
     known = {about.name for about in describe()}
+    before: dict[str, Any] = {}
 
     def changed(parameters: Sequence[Parameter]) -> Settings:
         return current().with_values({entry.name: entry.value for entry in parameters if entry.name in known})
 
     def on_set(parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
+            before.update(current().flat())
             check(changed(parameters))
         except IkNodeError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def on_post_set(parameters: Sequence[Parameter]) -> None:
-        apply(changed(parameters))
+        settings = changed(parameters)
+        after = settings.flat()
+        names = [name for name in after if after[name] != before[name]]
+        if names:
+            changes = (f"{name} {_shown(before[name])} -> {_shown(after[name])}" for name in names)
+            node.get_logger().info(f"parameters changed: {', '.join(changes)}")
+        apply(settings)
 
     node.add_on_set_parameters_callback(on_set)
     node.add_post_set_parameters_callback(on_post_set)
+
+
+def _shown(value: Any) -> str:
+    """A value in a log line, which is not longer than needed to recognise it."""
+    text = str(list(value) if isinstance(value, tuple) else value) or "''"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def _descriptor(about: Descriptor) -> ParameterDescriptor:

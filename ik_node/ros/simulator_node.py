@@ -22,7 +22,7 @@ from ik_node.ros.throttled_log import ThrottledLog
 
 
 class SimulatorNode(Node):  # type: ignore[misc]
-    """Simulated arm that subscribes where ``ik_node`` publishes, with the joint states of a joint_state_broadcaster."""
+    """Simulated arm that subscribes where ``ik_node`` publishes, and publishes joint states and its description."""
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         """Read the parameters.
@@ -48,12 +48,20 @@ class SimulatorNode(Node):  # type: ignore[misc]
         self._states = self.create_publisher(JointState, "joint_states", qos.OUTPUT)
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=robot.urdf))
-        self.create_subscription(Float64MultiArray, "ik_node/commands", self._on_command, qos.COMMAND, raw=True)
+        commands = self.create_subscription(
+            Float64MultiArray, "ik_node/commands", self._on_command, qos.COMMAND, raw=True
+        )
         create_steady_timer(self, 1.0 / values["rate_hz"], self._publish)
+        rate = f"{values['rate_hz']:g} Hz on {self._states.topic_name}"
+        self._waiting = f"{robot.name}: joint states at {rate}; waiting for commands on {commands.topic_name}"
+        self.get_logger().info(self._waiting)
 
     def _on_command(self, data: bytes) -> None:
         try:
             self._arm.command(decode.decode_command(data), time.monotonic_ns())
+            if self._waiting:
+                self._waiting = ""
+                self.get_logger().info("commands arrive")
         except InputError as error:
             self._log.warning("command", f"command dropped: {error}")
 

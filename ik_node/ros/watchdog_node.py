@@ -84,13 +84,18 @@ class WatchdogNode(Node):  # type: ignore[misc]
         create_steady_timer(self, self._timeout_s / CHECKS_PER_TIMEOUT, self._check)
         create_steady_timer(self, READY_PERIOD_S, self._check_ready)
         self._publish_status(self._status)
+        self.get_logger().info(
+            f"waiting for {self._velocity.topic_name} and a subscriber on {self._commands.topic_name}"
+        )
 
     def _on_velocity(self, message: JointState) -> None:
         self._last, self._received_s = np.array(message.velocity), time.monotonic()
         self._late_checks = 0
         if self._zeros_left:
             self._zeros_left = 0
-            self._publish_status(Status(Level.OK, Mode.WAITING, f"{READY}; its commands have resumed"))
+            resumed = f"{READY}; its commands have resumed"
+            self.get_logger().info(resumed)
+            self._publish_status(Status(Level.OK, Mode.WAITING, resumed))
 
     def _check(self) -> None:
         is_late = self._last.any() and time.monotonic() - self._received_s > self._timeout_s

@@ -71,6 +71,8 @@ REFUSED = (
     ("--config other.yaml", "ik_simulator has no joint panda_joint1, panda_joint2"),
     ("--config odd.yaml", "unknown parameter 'lag'; nearest: lag_s"),
     ("--out file/run", "folder 'file/run' cannot be created: Not a directory"),
+    ("--set obstacles.srdf=absent", "absent"),
+    ("--set limits.acceleration=[1.0,2.0]", "limits.acceleration has 2 values; expected 1 or 7"),
     ("--out .", "folder '.' exists already"),
 )
 

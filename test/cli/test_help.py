@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from importlib import import_module
@@ -62,6 +63,23 @@ def test_help_loads_no_other_package(name: str) -> None:
     assert code == 0
     assert loaded == []
     assert printed.startswith(f"usage: {'ik_node' if name == 'node' else f'ik_{name}'}")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_examples_that_can_be_parsed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nodes also list their topics."""
+    text = help_of(name, capsys)
+    program = "ik_node" if name == "node" else f"ik_{name}"
+    lines = re.findall(rf"^  ({program} .*?)(?:  .*)?$", text.partition("\nexample")[2], re.MULTILINE)
+    assert lines
+    for line in lines:
+        words = shlex.split(line.partition(" > ")[0])[1:]
+        module = import_module(f"ik_node.cli.{name}")
+        if name in NODES:
+            ros_arguments.parse(module.parser(), words)
+        else:
+            module.parser().parse_args([f" {word}" if re.match(r"-[\d.]", word) else word for word in words])
+    assert name not in NODES or re.search(r"topics[ (:]", text)
 
 
 def test_the_worked_example_needs_no_robot_model_and_no_pictures() -> None:

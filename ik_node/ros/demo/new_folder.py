@@ -23,12 +23,14 @@ def new_folder(path: Path) -> Iterator[Path]:
     Raises:
         SettingsError: The folder cannot be created.
     """
-    created = [folder for folder in (path, *path.parents) if not folder.exists()]
+    created: list[Path] = []
     try:
         try:
+            created = [folder for folder in (path, *path.parents) if not folder.exists()]
             path.mkdir(parents=True)
-        except OSError as error:
-            raise SettingsError(f"folder '{path}' cannot be created: {error.strerror}") from error
+        except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+            reason = getattr(error, "strerror", None) or str(error)
+            raise SettingsError(f"folder '{path}' cannot be created: {reason}") from error
         yield path
     except BaseException:
         shutil.rmtree(path, ignore_errors=True)

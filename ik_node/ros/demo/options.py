@@ -9,11 +9,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ik_node import resources
-from ik_node.collision.scene import read_scene
 from ik_node.control.arm_configuration import arm_configuration
+from ik_node.control.controller import Controller
 from ik_node.control.start_posture import StartPosture, choose_start_posture
 from ik_node.errors import SettingsError
 from ik_node.robot.catalogue import robot_from_settings
@@ -81,8 +79,7 @@ class CheckedRun:
         self.robot_name = self.robot.name if arm.robot_description or not arm.robot else arm.robot
         self.simulator = checked_values(self._simulator_values(sections, values))
         """Parameters of the simulated arm; its start is configured, or chosen for the obstacles of the settings."""
-        if scene := self.settings.obstacles.scene:
-            read_scene(scene, lambda frame: self.robot.frame_pose(np.zeros(self.robot.n), frame))
+        Controller(self.robot, self.settings)  # checks limits, obstacles and everything else that the node will use
         self.start: StartPosture | None = None
         """The start of the simulated arm if it was chosen."""
         self.simulated_robot = self._check_simulator()

@@ -1,4 +1,7 @@
-"""Smallest bounding capsule of a set of points, by a search over the direction of its axis."""
+"""Bounding capsules of sets of points, by a search over the direction of the axis, and compiled distances of capsules.
+
+A capsule among others is a row of 7 numbers: one end of its axis, the vector to the other end, and the radius, m.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.jit import compiled
 from ik_node.math.types import Array
 
 DIRECTIONS = 80
@@ -84,3 +88,62 @@ def _circle(points: Array) -> Array:
         offset = points - centre
         centre = centre + offset[int(np.argmax((offset**2).sum(axis=1)))] / (count + 1.0) * 0.5
     return np.asarray(centre)
+
+
+@compiled
+def capsule_distance(capsules: Array, first: int, other_capsules: Array, second: int) -> float:
+    """Distance of two capsules, m; if their axes intersect, minus the sum of the radii."""
+    s, t = _nearest_on_axes(capsules, first, other_capsules, second)
+    square = 0.0
+    for axis in range(3):
+        start = capsules[first, axis] + s * capsules[first, 3 + axis]
+        square += (other_capsules[second, axis] + t * other_capsules[second, 3 + axis] - start) ** 2
+    return float(np.sqrt(square) - capsules[first, 6] - other_capsules[second, 6])
+
+
+@compiled
+def capsule_points(
+    capsules: Array, first: int, other_capsules: Array, second: int, normal: Array, points: Array
+) -> float:
+    """:func:`capsule_distance`; writes the unit vector between the nearest points, (3,), and these, (2, 3), m."""
+    s, t = _nearest_on_axes(capsules, first, other_capsules, second)
+    square = 0.0
+    for axis in range(3):
+        points[0, axis] = capsules[first, axis] + s * capsules[first, 3 + axis]
+        points[1, axis] = other_capsules[second, axis] + t * other_capsules[second, 3 + axis]
+        normal[axis] = points[1, axis] - points[0, axis]
+        square += normal[axis] ** 2
+    length = np.sqrt(square)
+    for axis in range(3):
+        normal[axis] /= np.maximum(length, 1e-9)
+        points[0, axis] += capsules[first, 6] * normal[axis]
+        points[1, axis] -= other_capsules[second, 6] * normal[axis]
+    return float(length - capsules[first, 6] - other_capsules[second, 6])
+
+
+@compiled
+def _nearest_on_axes(capsules: Array, first: int, other_capsules: Array, second: int) -> tuple[float, float]:
+    """Positions in [0, 1] of the nearest points on the axes (Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
+    ax, ay, az = capsules[first, 3], capsules[first, 4], capsules[first, 5]
+    bx, by, bz = other_capsules[second, 3], other_capsules[second, 4], other_capsules[second, 5]
+    rx = capsules[first, 0] - other_capsules[second, 0]
+    ry = capsules[first, 1] - other_capsules[second, 1]
+    rz = capsules[first, 2] - other_capsules[second, 2]
+    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
+    ar, br = ax * rx + ay * ry + az * rz, bx * rx + by * ry + bz * rz
+    s = t = 0.0
+    if aa > 0.0 and bb > 0.0:
+        ab = ax * bx + ay * by + az * bz
+        determinant = aa * bb - ab * ab
+        if determinant > 0.0:
+            s = min(max((ab * br - ar * bb) / determinant, 0.0), 1.0)
+        t = (ab * s + br) / bb
+        if t < 0.0:
+            t, s = 0.0, min(max(-ar / aa, 0.0), 1.0)
+        elif t > 1.0:
+            t, s = 1.0, min(max((ab - ar) / aa, 0.0), 1.0)
+    elif aa > 0.0:
+        s = min(max(-ar / aa, 0.0), 1.0)
+    elif bb > 0.0:
+        t = min(max(br / bb, 0.0), 1.0)
+    return s, t

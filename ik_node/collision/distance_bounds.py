@@ -11,8 +11,8 @@ The distance of two capsules is a lower bound of the distance of their solids, a
 Bounds are kept between control steps. ``travel`` (links + 1,) is the sum of the motions of each link, m, and in its
 last element the sum of the largest motion of any link; ``obstacle_travel`` is that of the obstacles. ``key`` (pairs,)
 is a lower bound of the distance when it was computed plus the travel of both solids then, so that ``key`` minus the
-travel of both now is a lower bound of the distance now. ``level`` (obstacles,) is the same for the nearest link of an
-obstacle, with the last element of ``travel``: an obstacle far away costs one comparison.
+travel of both now is a lower bound of the distance now. ``level`` (obstacles,) is the same for the nearest of the
+capsules of an obstacle, with the last element of ``travel``: an obstacle far away costs one comparison.
 
 The arrays are separate arguments because packing them into a NamedTuple takes longer than these functions.
 """
@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ik_node.collision.bounding_capsule import capsule_distance, capsule_points
 from ik_node.jit import compiled
 from ik_node.math.types import Array
 
@@ -31,6 +32,10 @@ Indices = NDArray[np.int64]
 
 MARGIN_M = 1e-5
 """Subtracted from bounds: more than the rounding errors of the bounds and the tolerances of computed distances."""
+
+MOST_COMPUTED = 576
+"""Pairs whose exact distance is computed in one query, in the order of their bounds; the distances of further ones are
+those of their capsules, which are shorter. 64 obstacles and nine links are never more; a computation takes 1 us."""
 
 BLOCK = 64
 """Obstacles that are compared at once."""
@@ -80,8 +85,15 @@ def find_near_pairs(
     likely: float,
     listed: Indices,
     within: Array,
-) -> int:
-    """Lists the pairs whose distance may be below the limit of the pair, or below ``likely``; returns their number.
+    distances: Array,
+    normals: Array,
+    points: Array,
+) -> tuple[int, int]:
+    """Lists the pairs whose distance may be below the limit of the pair, or below ``likely``.
+
+    If more than :data:`MOST_COMPUTED` pairs of capsules are nearer than their limits, the nearest of these are listed,
+    and behind them the others with the distances of their capsules. Which these are depends on the present placements
+    only.
 
     Args:
         step: Motion of the controlled joints since the last call, (n,), rad (m).
@@ -108,6 +120,12 @@ def find_near_pairs(
             faster to list them at once; -inf when the closest pair is not wanted.
         listed: Written: indices of pair, first and second solid, (pairs, 3).
         within: Written: limits of the listed pairs, (pairs,), m.
+        distances: Written for pairs that are not to be computed: distances of the capsules, (pairs,), m.
+        normals: Likewise, unit vectors from the first to the second capsule, (pairs, 3).
+        points: Likewise, nearest points of the capsules, (pairs, 2, 3), m.
+
+    Returns:
+        Number of pairs to be computed, and number of listed pairs.
     """
     count, own = len(reach), len(firsts)
     speeds = np.zeros(count)
@@ -121,37 +139,119 @@ def find_near_pairs(
         nearer = np.maximum(limit, likely)
         bound = key[pair] - travel[first] - travel[second]
         if not bound >= nearer:
-            bound = _refined(pair, bound, capsules, first, capsules, second, travel[first] + travel[second], key)
+            bound = refined_bound(pair, bound, capsules, first, capsules, second, travel[first] + travel[second], key)
         if not bound >= nearer:
             listed[number, 0], listed[number, 1], listed[number, 2] = pair, first, second
             within[number] = limit
             number += 1
+    own_number, near = number, 0
     longest = np.maximum(_limit(limits.obstacle_range, limits.stop, fastest + fastest_obstacle, limits), likely)
     for begin in range(0, len(level), BLOCK):
         end = min(begin + BLOCK, len(level))
-        if not _any_below(begin, end, longest + travel[count], level, obstacle_travel):
+        if not any_below(begin, end, longest + travel[count], level, obstacle_travel):
             continue
         for obstacle in range(begin, end):
-            gone = obstacle_travel[obstacle]
+            gone, lowest = obstacle_travel[obstacle], np.inf
             if level[obstacle] - travel[count] - gone >= longest:
                 continue
-            lowest = np.inf
             for place in range(len(links)):
                 link, pair = links[place], own + obstacle * len(links) + place
                 speed = speeds[link] + obstacle_speeds[obstacle]
                 limit = _limit(limits.obstacle_range, limits.stop, speed, limits)
-                nearer = np.maximum(limit, likely)
+                apart = capsule_distance(capsules, link, obstacle_capsules, obstacle) - MARGIN_M
+                lowest = np.minimum(lowest, apart)
+                near += not apart >= limit
                 bound = key[pair] - travel[link] - gone
-                if not bound >= nearer:
-                    away = travel[link] + gone
-                    bound = _refined(pair, bound, capsules, link, obstacle_capsules, obstacle, away, key)
-                lowest = np.minimum(lowest, bound)
-                if not bound >= nearer:
+                if apart > bound:
+                    key[pair], bound = apart + travel[link] + gone, apart
+                if not bound >= np.maximum(limit, likely):
                     listed[number, 0], listed[number, 1], listed[number, 2] = pair, link, count + obstacle
                     within[number] = limit
                     number += 1
             level[obstacle] = lowest + travel[count] + gone
-    return number
+    if near > MOST_COMPUTED:
+        return _list_crowd(
+            own_number,
+            near,
+            longest,
+            own,
+            links,
+            capsules,
+            speeds,
+            obstacle_capsules,
+            obstacle_speeds,
+            travel,
+            obstacle_travel,
+            key,
+            level,
+            limits,
+            listed,
+            within,
+            distances,
+            normals,
+            points,
+        )
+    return number, number
+
+
+@compiled
+def _list_crowd(
+    number: int,
+    near: int,
+    longest: float,
+    own: int,
+    links: Indices,
+    capsules: Array,
+    speeds: Array,
+    obstacle_capsules: Array,
+    obstacle_speeds: Array,
+    travel: Array,
+    obstacle_travel: Array,
+    key: Array,
+    level: Array,
+    limits: Limits,
+    listed: Indices,
+    within: Array,
+    distances: Array,
+    normals: Array,
+    points: Array,
+) -> tuple[int, int]:
+    """Lists the ``near`` pairs of obstacles whose capsules are nearer than their limits, behind ``number`` pairs of
+    links; see :func:`find_near_pairs`, also for the result. Obstacles whose bound is above ``longest`` have none."""
+    count, found = len(capsules), 0
+    apart, limit, who = np.empty(near), np.empty(near), np.empty((near, 3), np.int64)
+    for obstacle in range(len(level)):
+        if level[obstacle] - travel[count] - obstacle_travel[obstacle] >= longest:
+            continue
+        for place in range(len(links)):
+            link = links[place]
+            speed = speeds[link] + obstacle_speeds[obstacle]
+            limit[found] = _limit(limits.obstacle_range, limits.stop, speed, limits)
+            apart[found] = capsule_distance(capsules, link, obstacle_capsules, obstacle) - MARGIN_M
+            if not apart[found] >= limit[found]:
+                who[found, 0], who[found, 1] = own + obstacle * len(links) + place, link
+                who[found, 2] = count + obstacle
+                found += 1
+                if found == near:
+                    break
+        if found == near:
+            break
+    farthest = np.partition(apart, MOST_COMPUTED)[MOST_COMPUTED]
+    for row in range(near):
+        bound = key[who[row, 0]] - travel[who[row, 1]] - obstacle_travel[who[row, 2] - count]
+        if apart[row] < farthest and not bound >= limit[row]:
+            listed[number], within[number] = who[row], limit[row]
+            number += 1
+    computed = number
+    for row in range(near):
+        if not apart[row] < farthest:
+            listed[number], within[number] = who[row], limit[row]
+            link, obstacle = who[row, 1], who[row, 2] - count
+            distances[number] = capsule_points(
+                capsules, link, obstacle_capsules, obstacle, normals[number], points[number]
+            )
+            number += 1
+    return computed, number
 
 
 @compiled
@@ -193,7 +293,7 @@ def _advance(
 
 
 @compiled
-def _any_below(begin: int, end: int, limit: float, level: Array, obstacle_travel: Array) -> bool:
+def any_below(begin: int, end: int, limit: float, level: Array, obstacle_travel: Array) -> bool:
     """True when the bound of one of the obstacles is below ``limit`` or NaN; without branches in its loop, which LLVM
     compiles to vector instructions."""
     count = 0
@@ -238,7 +338,7 @@ def _largest_speed(
 
 
 @compiled
-def _refined(
+def refined_bound(
     pair: int,
     bound: float,
     capsules: Array,
@@ -254,125 +354,3 @@ def _refined(
         key[pair] = found + travel
         return found
     return bound
-
-
-@compiled
-def capsule_distance(capsules: Array, first: int, other_capsules: Array, second: int) -> float:
-    """Distance of two capsules, m; if their axes intersect, minus the sum of the radii (Ericson, Real-Time Collision
-    Detection, 2005, 5.1.9)."""
-    ax, ay, az = capsules[first, 3], capsules[first, 4], capsules[first, 5]
-    bx, by, bz = other_capsules[second, 3], other_capsules[second, 4], other_capsules[second, 5]
-    rx = capsules[first, 0] - other_capsules[second, 0]
-    ry = capsules[first, 1] - other_capsules[second, 1]
-    rz = capsules[first, 2] - other_capsules[second, 2]
-    aa, bb = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-    ar, br = ax * rx + ay * ry + az * rz, bx * rx + by * ry + bz * rz
-    s = t = 0.0
-    if aa > 0.0 and bb > 0.0:
-        ab = ax * bx + ay * by + az * bz
-        determinant = aa * bb - ab * ab
-        if determinant > 0.0:
-            s = min(max((ab * br - ar * bb) / determinant, 0.0), 1.0)
-        t = (ab * s + br) / bb
-        if t < 0.0:
-            t, s = 0.0, min(max(-ar / aa, 0.0), 1.0)
-        elif t > 1.0:
-            t, s = 1.0, min(max((ab - ar) / aa, 0.0), 1.0)
-    elif aa > 0.0:
-        s = min(max(-ar / aa, 0.0), 1.0)
-    elif bb > 0.0:
-        t = min(max(br / bb, 0.0), 1.0)
-    x, y, z = rx + s * ax - t * bx, ry + s * ay - t * by, rz + s * az - t * bz
-    return float(np.sqrt(x * x + y * y + z * z) - capsules[first, 6] - other_capsules[second, 6])
-
-
-@compiled
-def next_closest(
-    row: int,
-    closest: float,
-    tick: int,
-    capsules: Array,
-    firsts: Indices,
-    seconds: Indices,
-    links: Indices,
-    obstacle_capsules: Array,
-    travel: Array,
-    obstacle_travel: Array,
-    key: Array,
-    level: Array,
-    computed: Indices,
-    closed: Indices,
-    listed: Indices,
-) -> int:
-    """Writes a pair that may be nearer than ``closest``, m, into a row of ``listed``; returns ``row`` + 1, or ``row``
-    when there is no such pair."""
-    count, own = len(capsules), len(firsts)
-    while True:
-        pair, lowest = _nearest_own(closest, tick, capsules, firsts, seconds, travel, key, computed)
-        obstacle = _nearest_obstacle(lowest, tick, travel[count], obstacle_travel, level, closed)
-        if obstacle < 0:
-            if pair < 0:
-                return row
-            listed[row, 0], listed[row, 1], listed[row, 2] = pair, firsts[pair], seconds[pair]
-            return row + 1
-        chosen, gone, lowest, lowest_open = -1, obstacle_travel[obstacle], np.inf, closest
-        for place in range(len(links)):
-            link, pair = links[place], own + obstacle * len(links) + place
-            bound = key[pair] - travel[link] - gone
-            if computed[pair] != tick:
-                bound -= MARGIN_M
-                if not bound >= lowest_open:
-                    away = travel[link] + gone
-                    bound = _refined(pair, bound, capsules, link, obstacle_capsules, obstacle, away, key)
-                if not bound >= lowest_open:
-                    lowest_open, chosen = bound, place
-            lowest = np.minimum(lowest, bound)
-        level[obstacle] = lowest + travel[count] + gone
-        if chosen >= 0:
-            listed[row, 0] = own + obstacle * len(links) + chosen
-            listed[row, 1], listed[row, 2] = links[chosen], count + obstacle
-            return row + 1
-        closed[obstacle] = tick
-
-
-@compiled
-def _nearest_own(
-    closest: float,
-    tick: int,
-    capsules: Array,
-    firsts: Indices,
-    seconds: Indices,
-    travel: Array,
-    key: Array,
-    computed: Indices,
-) -> tuple[int, float]:
-    """Pair of links with the lowest bound below ``closest`` that is not computed yet, or -1; and that bound, m."""
-    lowest, chosen = closest, -1
-    for pair in range(len(firsts)):
-        if computed[pair] == tick:
-            continue
-        first, second = firsts[pair], seconds[pair]
-        away = travel[first] + travel[second]
-        bound = key[pair] - away - MARGIN_M
-        if not bound >= lowest:
-            bound = _refined(pair, bound, capsules, first, capsules, second, away, key)
-        if not bound >= lowest:
-            lowest, chosen = bound, pair
-    return chosen, lowest
-
-
-@compiled
-def _nearest_obstacle(
-    lowest: float, tick: int, travel: float, obstacle_travel: Array, level: Array, closed: Indices
-) -> int:
-    """Obstacle with the lowest bound below ``lowest`` that is not closed, or -1."""
-    nearest = -1
-    for begin in range(0, len(level), BLOCK):
-        end = min(begin + BLOCK, len(level))
-        if not _any_below(begin, end, lowest + travel + MARGIN_M, level, obstacle_travel):
-            continue
-        for obstacle in range(begin, end):
-            bound = level[obstacle] - travel - obstacle_travel[obstacle] - MARGIN_M
-            if closed[obstacle] != tick and not bound >= lowest:
-                lowest, nearest = bound, obstacle
-    return nearest

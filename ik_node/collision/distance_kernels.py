@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ik_node.collision.distance_bounds import Indices, next_closest
+from ik_node.collision.closest_pair import next_closest
+from ik_node.collision.distance_bounds import Indices
 from ik_node.jit import compiled
 from ik_node.math.types import Array
 
@@ -61,6 +62,8 @@ def store_distances(
     distances: Array,
     normals: Array,
     points: Array,
+    count: int,
+    total: int,
     closest: bool,
     capsules: Array,
     firsts: Indices,
@@ -72,7 +75,7 @@ def store_distances(
 ) -> tuple[int, int]:
     """Stores the computed distances of the rows ``begin`` to ``end`` of ``listed``.
 
-    With ``closest``, writes a pair that may be nearer than all of these rows into the row ``end`` of ``listed``.
+    With ``closest``, adds a pair that may be nearer than all computed ones to ``listed``.
 
     Args:
         begin: First row.
@@ -91,6 +94,8 @@ def store_distances(
         distances: Written: (pairs,), m.
         normals: Written: unit vectors from the first to the second solid, (pairs, 3).
         points: Written: nearest points, (pairs, 2, 3), m.
+        count: Number of near pairs to be computed.
+        total: Number of near pairs; those between have the distances of their capsules.
         closest: False when the closest pair is not wanted.
         capsules: Bounding capsules of the links, (links, 7).
         firsts: First link of each pair of links, (P,).
@@ -104,7 +109,7 @@ def store_distances(
         The number of listed pairs, and the row of the closest computed pair, of equal ones that with the lowest index;
         -1 for none.
     """
-    count = len(places)
+    links_count = len(places)
     for row in range(begin, end):
         pair, first, second = listed[row]
         found = results[row]
@@ -119,11 +124,11 @@ def store_distances(
         else:
             # EPA can fail in deep penetration. Then the distance is 0 and the normal points from origin to origin.
             start = places[first, 9:]
-            stop = places[second, 9:] if second < count else obstacle_places[second - count, 9:]
+            stop = places[second, 9:] if second < links_count else obstacle_places[second - links_count, 9:]
             apart = stop - start
             distances[row], normals[row] = 0.0, apart / np.maximum(_norm(apart), 1e-9)
             points[row, 0], points[row, 1] = start, stop
-        gone = travel[second] if second < count else obstacle_travel[second - count]
+        gone = travel[second] if second < links_count else obstacle_travel[second - links_count]
         key[pair] = distances[row] + travel[first] + gone
         computed[pair] = tick
         found[DISTANCE] = NOT_COMPUTED
@@ -131,9 +136,12 @@ def store_distances(
             guesses[row, number] = FIRST_GUESS[number]
     best = -1
     for row in range(end):
+        if count <= row < total:
+            continue
         is_first = best < 0 or listed[row, 0] < listed[best, 0]
         if best < 0 or distances[row] < distances[best] or (is_first and distances[row] == distances[best]):
             best = row
+    end = max(end, total)
     if closest:
         nearest = distances[best] if best >= 0 else np.inf
         end = next_closest(

@@ -200,7 +200,7 @@ class DistanceQuery:
         self._q = q.copy()
         jacobian = self._place(q)
         self._tick += 1
-        count = find_near_pairs(
+        count, total = find_near_pairs(
             step,
             robot.motion(qd),
             change,
@@ -224,16 +224,21 @@ class DistanceQuery:
             self._likely if closest else -np.inf,
             self._listed,
             self._within,
+            self._distance,
+            self._normals,
+            self._points,
         )
-        begin, end = 0, count
-        while end > begin or (closest and not begin):
-            begin, end = end, self._compute(begin, end, closest)
+        end = total
+        if count or closest:
+            rows = self._compute(0, count, count, total, closest)
+            while rows > end:
+                end, rows = rows, self._compute(end, rows, count, total, closest)
         if closest:
             self._likely = float(self._distance[self._closest]) + MARGIN_M
-        if not count:
+        if not total:
             return 0
         return collect_near_pairs(
-            count,
+            total,
             self._listed,
             self._within,
             jacobian,
@@ -265,9 +270,9 @@ class DistanceQuery:
             self._jacobian, self._placed_at = np.ascontiguousarray(jacobian.T), at
         return self._jacobian
 
-    def _compute(self, begin: int, end: int, closest: bool) -> int:
+    def _compute(self, begin: int, end: int, count: int, total: int, closest: bool) -> int:
         """Computes the distances of the listed pairs ``begin`` to ``end``; with ``closest``, lists a further pair that
-        may be the closest. Returns the number of listed pairs."""
+        may be the closest. Returns the number of listed pairs. ``count``, ``total``: see :func:`find_near_pairs`."""
         transforms, transformed, programs, tick = self._transforms, self._transformed, self._programs, self._tick
         links = len(transformed)
         triples = self._listed[begin:end].tolist()
@@ -289,7 +294,7 @@ class DistanceQuery:
                 shape = self.arrays.shapes[second - links] if second >= links else None
                 program = programs[pair] = self._distances.program(first, second, shape)
             program(transforms[first], other, request, result)
-        count, self._closest = store_distances(
+        listed, self._closest = store_distances(
             begin,
             end,
             self._distances.results,
@@ -305,6 +310,8 @@ class DistanceQuery:
             self._distance,
             self._normals,
             self._points,
+            count,
+            total,
             closest,
             self._capsules,
             self._firsts,
@@ -314,7 +321,7 @@ class DistanceQuery:
             self._level,
             self._closed,
         )
-        return count
+        return listed
 
 
 def _places(data: Any) -> Array:

@@ -46,9 +46,9 @@ SIZES = {
 }
 """Kinds of shapes and the names of their dimensions."""
 
-MAX_OBSTACLES = 64
-"""Obstacles of a scene. Each is paired with every link: building the pairs of 64 obstacles takes 10 ms, and a control
-step with all of them near the arm stays within a few milliseconds; with 3000 it took seconds."""
+MAX_OBSTACLES = 2000
+"""Obstacles of a scene: two messages of as many markers as are accepted. Those far away cost nearly nothing, and of
+those nearby :data:`ik_node.collision.distance_bounds.MOST_COMPUTED` bounds what a control step computes."""
 
 MAX_SPEED = 3.0
 """A larger apparent speed, m/s, is a change of place, not a motion."""

@@ -22,8 +22,8 @@ UNSUPPORTED = {
     12: "ARROW_STRIP",
 }
 """Marker types that are no obstacles, as visualization_msgs/Marker names them."""
-MAX_MARKERS = 256
-"""Markers of one message, deletions included: decoding them takes about 5 ms."""
+MAX_MARKERS = 1000
+"""Markers of one message, deletions included: decoding and using them takes about 8 ms."""
 MAX_MARKER_BYTES = 1_000_000
 """Size of one message. Points, textures and meshes in it are skipped, but it is received and recorded as a whole."""
 

@@ -21,6 +21,7 @@ from stopping import LIMITS, pairs_that_must_stop
 from ik_node.collision import bounding_capsule
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.convex_distances import ConvexDistances
+from ik_node.collision.distance_bounds import MOST_COMPUTED, Limits
 from ik_node.collision.distance_kernels import NearPairs
 from ik_node.collision.distances import DistanceQuery
 from ik_node.collision.geometry import CollisionGeometry
@@ -350,3 +351,39 @@ def test_missing_meshes_are_reported() -> None:
     bare += '<child link="c"/><axis xyz="0 0 1"/></joint></robot>'
     with pytest.raises(CollisionUnavailableError, match="no collision geometry"):
         collision_geometry.load(Robot(bare))
+
+
+def test_a_crowd_of_obstacles_is_bounded_and_never_farther_than_it_is() -> None:
+    """Beyond the number of pairs that one query computes, distances are those of capsules: shorter, with unit normals.
+    The closest pair stays exact, and none of it depends on earlier queries."""
+    geometry, rng = geometry_of("panda"), np.random.default_rng(8)
+    scene = random_scene(rng, 200, 0.8, tuple(kind for kind, _ in KINDS))
+    lazy, q = DistanceQuery(geometry), np.array([0.0, 0.3, 0.0, -1.8, 0.0, 2.0, 0.5])
+    still, limits = np.zeros(7), Limits(0.05, 1.0)
+    shortened = 0
+    for _ in range(3):
+        q = q + rng.normal(size=7) * 0.01
+        found = []
+        for query in (lazy, fresh := DistanceQuery(geometry)):
+            query.set_scene(scene, 0)
+            count = query.query(q, limits, still, still)
+            found.append([column[:count].copy() for column in query.rows])
+        for one, other in zip(*found, strict=True):
+            assert (one == other).all()
+        pair, distance, slope = found[1][:3]
+        assert fresh.closest().distance == lazy.closest().distance
+        one_by_one: dict[tuple[str, str], float] = {}
+        for name, entry in scene.obstacles.items():
+            alone = DistanceQuery(geometry)
+            alone.set_scene(Scene().put(entry), 0)
+            near, _ = alone.measure(q, np.inf)
+            one_by_one |= {(alone.names(p)[0], name): d for p, d in zip(near.pair, near.distance, strict=True)}
+        exact = np.array([one_by_one.get(fresh.names(p), np.nan) for p in pair])
+        obstacles = np.isfinite(exact) & (found[1][4] == 0.0)
+        assert (distance <= exact)[obstacles].all()
+        assert min(exact[obstacles]) == fresh.closest().distance
+        wrong = int((distance < exact)[obstacles].sum())
+        assert obstacles.sum() - wrong >= MOST_COMPUTED // 2
+        assert np.isfinite(slope).all()
+        shortened += wrong
+    assert shortened > 100

@@ -9,7 +9,7 @@ import pytest
 from arms import ball_arm
 
 from ik_node.collision.monitor import MAX_REPORTED, CollisionMonitor
-from ik_node.collision.scene import MAX_OBSTACLES, obstacle, shape
+from ik_node.collision.scene import MAX_OBSTACLES, Scene, obstacle, shape
 from ik_node.errors import InputError, SceneError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import ObstacleSample
@@ -92,3 +92,38 @@ def test_what_is_too_far_or_too_large_is_refused(value: float) -> None:
         obstacle("a", shape("sphere", (0.1,)), pose)
     with pytest.raises(InputError, match=r"a has radius .*; expected more than 0 and at most 100"):
         shape("sphere", (value,), "a")
+
+
+def test_an_obstacle_that_is_sent_again_is_where_a_new_one_would_be() -> None:
+    """The way that is faster for obstacles at rest gives what the whole way gives: sizes, places and lifetimes that
+    change, an obstacle that moves and rests, a turned box, and one in another frame."""
+    rng, turned = np.random.default_rng(3), np.array([0.1, 0.2, 0.3, 0.927361849549570])
+    monitor, frames = monitor_of(), Frames(ROBOT)
+    fresh = monitor_of()
+    for message in range(30):
+        samples = []
+        for number in range(6):
+            moved = rng.integers(3) == 0
+            samples.append(
+                ObstacleSample(
+                    stamp_ns=(message + 1) * 10**8,
+                    frame_id=("", ROBOT.base_frame)[number % 2],
+                    name=f"a/{number}",
+                    action="add",
+                    kind=("sphere", "box")[number % 2],
+                    size=((0.1,), (0.1, 0.2, 0.3))[number % 2]
+                    if message < 20
+                    else ((0.2,), (0.1, 0.2, 0.4))[number % 2],
+                    position=np.array([1.0, 0.1 * number, 0.05 * message if moved else 0.5]),
+                    quaternion=turned / np.linalg.norm(turned),
+                    lifetime_ns=10**9 if number == 3 else 0,
+                )
+            )
+        now = Instant((message + 1) * 10**8 + 5, (message + 1) * 10**8 + 5)
+        assert not monitor.update_obstacles(tuple(samples), frames, now, 10**9)
+        # Equal obstacles, but not the ones that the monitor has made.
+        fresh.scene = Scene({name: entry._replace(name=name[:]) for name, entry in fresh.scene.obstacles.items()})
+        assert not fresh.update_obstacles(tuple(samples), frames, now, 10**9)
+        for name, entry in monitor.scene.obstacles.items():
+            for one, other in zip(entry, fresh.scene.obstacles[name], strict=True):
+                assert bool(np.all(one == other))

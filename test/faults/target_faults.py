@@ -10,7 +10,7 @@ from fault import GOES_ON, HOLDS, PAUSED, Fault, Right
 from rig import Rig
 from ros_peer import rclpy
 
-from ik_node.collision.scene import MAX_OBSTACLES
+from ik_node.messages.decode_obstacles import MAX_MARKERS
 from ik_node.ros import qos
 
 if rclpy:
@@ -378,10 +378,8 @@ OBSTACLE_FAULTS = (
     Fault("cube of scale 0", one(field("scale", "y", 0.0), 1), MARKERS, "", delete_all),
     Fault("cube of scale -1", one(field("scale", "y", -1.0), 1), MARKERS, "", delete_all),
     Fault("marker in an unknown frame", one(kitchen), Right(text="kitchen"), "", delete_all),
-    Fault(f"{MAX_OBSTACLES} spheres", spheres(MAX_OBSTACLES), Right(), "F01", delete_all),
-    Fault("200 spheres", spheres(200), Right(text=f"{MAX_OBSTACLES} obstacles already"), "F01", delete_all),
-    Fault("1,000 spheres", spheres(1000), Right(text="1000 markers; at most 256"), "F01", delete_all),
-    Fault("10,000 spheres", spheres(10_000), Right(text="10000 markers; at most 256"), "F01", delete_all),
+    Fault(f"{MAX_MARKERS} spheres", spheres(MAX_MARKERS), Right(), "F01", delete_all),
+    Fault("10,000 spheres", spheres(10_000), Right(text=f"10000 markers; at most {MAX_MARKERS}"), "F01", delete_all),
     Fault(
         "DELETEALL of another namespace", behind_a_wall("table"), Right(text="in front of the wall"), "W01", delete_all
     ),

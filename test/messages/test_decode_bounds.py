@@ -13,6 +13,7 @@ from ik_node.errors import InputError
 from ik_node.interfaces.samples import MAX_POSES
 from ik_node.messages import decode, decode_obstacles, decode_targets
 from ik_node.messages.cdr import STORE, deserialize, header, make, serialize
+from ik_node.messages.decode_obstacles import MAX_MARKERS
 from ik_node.messages.encode import encode_command, encode_joint_state, encode_pose
 
 FAST_S = 0.005
@@ -97,8 +98,8 @@ CASES: list[tuple[str, Callable[[bytes], Any], Callable[[], bytes], str]] = [
     (
         "markers",
         decode_obstacles.decode_obstacles,
-        lambda: serialize(make(MARKERS, markers=[marker()] * 257)),
-        "257 markers; at most 256 are accepted",
+        lambda: serialize(make(MARKERS, markers=[marker()] * (MAX_MARKERS + 1))),
+        f"{MAX_MARKERS + 1} markers; at most {MAX_MARKERS} are accepted",
     ),
     (
         "many markers",
@@ -139,8 +140,8 @@ def test_what_exceeds_a_bound_is_refused_undecoded(
 def test_messages_at_their_bounds_are_accepted() -> None:
     assert len(decode_targets.decode_path(path_bytes(MAX_POSES)).stamps_ns) == MAX_POSES
     assert len(decode.decode_joint_state(names_bytes(256)).names) == 256
-    markers = decode_obstacles.decode_obstacles(serialize(make(MARKERS, markers=[marker()] * 256)))
-    assert len(markers) == 256
+    markers = decode_obstacles.decode_obstacles(serialize(make(MARKERS, markers=[marker()] * MAX_MARKERS)))
+    assert len(markers) == MAX_MARKERS
 
 
 @pytest.mark.parametrize("count", [2**31, 2**32 - 1])

@@ -20,10 +20,10 @@ from flooding import SET_PARAMETERS, Flood, flooding
 from loop import READY, make_robot
 from ros_peer import Peer, peer_in_own_domain, rclpy
 
-from ik_node.collision.scene import MAX_OBSTACLES
 from ik_node.interfaces.samples import MAX_POSES
 from ik_node.math import se3
 from ik_node.messages.decode import MAX_JOINTS
+from ik_node.messages.decode_obstacles import MAX_MARKERS
 from ik_node.messages.encode import encode_joint_state, encode_pose, encode_string, encode_twist
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall, RecordedCalls
@@ -146,10 +146,9 @@ def floods() -> dict[str, tuple[Flood, str]]:
     slow = encode_twist(FRAME, 0, np.array([0.0, 0.0, 1e-4, 0.0, 0.0, 0.0]))
     text = "std_msgs/msg/String"
     return {
-        f"{MAX_OBSTACLES} spheres": (flood_of(obstacles, markers(MAX_OBSTACLES)), "holding|no target"),
-        "256 spheres": (flood_of(obstacles, markers(256)), f"there are {MAX_OBSTACLES} obstacles already"),
+        f"{MAX_MARKERS} spheres": (flood_of(obstacles, markers(MAX_MARKERS)), "holding|no target"),
         "256 line lists": (flood_of(obstacles, markers(256, 100)), "LINE_LIST"),
-        "10000 spheres": (flood_of(obstacles, markers(10_000)), "10000 markers; at most 256"),
+        "10000 spheres": (flood_of(obstacles, markers(10_000)), f"10000 markers; at most {MAX_MARKERS}"),
         f"path of {MAX_POSES}": (flood_of(a_path, path(MAX_POSES)), "target_path"),
         "path of 100000": (flood_of(a_path, path(100_000)), "100000 poses; at most 2000"),
         f"trajectory of {MAX_POSES}": (flood_of(a_trajectory, trajectory(MAX_POSES)), "target_trajectory"),
@@ -305,7 +304,7 @@ def test_a_signal_is_answered_under_a_flood(
     flood = [
         flood_of(CallKind.ON_TARGET_TWIST, up, STREAM_HZ),
         flood_of(CallKind.ON_JOINT_STATE, other_joints()),
-        flood_of(CallKind.ON_OBSTACLES, markers(256)),
+        flood_of(CallKind.ON_OBSTACLES, markers(MAX_MARKERS)),
     ]
     with flooding(flood, peer.domain, tmp_path):
         peer.until("motion", lambda: bool(np.abs(peer.commands[-1]).max() > 0.02))

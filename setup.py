@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "ik_node"
 EXECUTABLES = (
+    "compile",
     "config",
     "demo",
     "export",

@@ -9,17 +9,25 @@ an arm moves. Arrays passed to a compiled function are C-contiguous float64: ano
 
 Machine code is stored in a folder whose name is a digest of everything that it depends on: the modules that define
 compiled functions, the records of interfaces/ that these take and return, where the package is installed, Python, numba
-and the processor. numba itself notices a change of a function, but not of a function in another file that it calls.
-Constants of compiled functions are defined in these modules, too; a test checks this.
+and the processor with its features. numba itself notices a change of a function, but not of a function in another file
+that it calls. Constants of compiled functions are defined in these modules, too; a test checks this. numba compiles
+again what is installed again, so the times and sizes of the files, which it compares, are part of the digest, too.
+
+For images and read-only homes: ``NUMBA_CACHE_DIR`` names the folder, ``ik_compile`` fills it, and a complete one that
+cannot be written is copied to a temporary folder at the start. ``NUMBA_CPU_NAME=generic`` and an empty
+``NUMBA_CPU_FEATURES`` make it independent of the processor.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import hashlib
 import os
 import shutil
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -31,6 +39,7 @@ dependencies.check(dependencies.COMPILED)  # before numba: a misfit must not cha
 
 import numba
 from llvmlite import binding
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -38,19 +47,23 @@ MAX_STORED_VERSIONS = 8
 """Folders of machine code kept on disk; the least recently used ones are removed."""
 MIN_FREE_BYTES = 100_000_000
 """Free disk space below which nothing is stored: a version takes a tenth of it."""
+REPORT_EVERY_S = 5.0
+"""Time between reports of progress."""
 _WARM = "warm"
 _IMPORT = b"\nfrom ik_node.jit import"
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Folder of this version's machine code; None where it cannot be written.
+    """Folder of this version's machine code; None where it cannot be written and is not complete.
 
     The first of these that is set: ``$NUMBA_CACHE_DIR/ik_node``, ``$XDG_CACHE_HOME/ik_node``, ``~/.cache/ik_node``.
     """
     try:
         home = Path(os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         folder = home / "ik_node" / _cache_key()
+        if (folder / _WARM).exists() and not os.access(folder, os.W_OK):
+            return _copied(folder)
         folder.mkdir(parents=True, exist_ok=True)
         has_space = shutil.disk_usage(folder).free > MIN_FREE_BYTES
     except (OSError, RuntimeError):  # RuntimeError: no home
@@ -58,15 +71,30 @@ def cache_folder() -> Path | None:
     return folder if has_space and os.access(folder, os.W_OK) else None
 
 
+def _copied(folder: Path) -> Path:
+    """A temporary copy, until this process ends: numba reads no folder that it cannot write."""
+    copy = Path(tempfile.mkdtemp(prefix="ik_node_"))
+    atexit.register(shutil.rmtree, copy, ignore_errors=True)
+    shutil.copytree(folder, copy, copy_function=shutil.copyfile, dirs_exist_ok=True)
+    for place in (copy, *filter(Path.is_dir, copy.rglob("*"))):
+        place.chmod(0o700)
+    return copy
+
+
 def _cache_key() -> str:
     package = Path(__file__).parent
     digest = hashlib.sha256()
-    for part in (str(package), sys.version, numba.__version__, binding.get_host_cpu_name()):
+    cpu = numba.config.CPU_NAME or binding.get_host_cpu_name()
+    features = numba.config.CPU_FEATURES
+    if features is None:
+        features = binding.get_host_cpu_features().flatten()
+    for part in (str(package), sys.version, numba.__version__, cpu, features):
         digest.update(part.encode() + b"\0")
     for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
+        source, status = path.read_bytes(), path.stat()
         if path.name == "jit.py" or path.parent.name == "interfaces" or _IMPORT in source:
             digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source + b"\0")
+            digest.update(f"{status.st_mtime} {status.st_size}\0".encode())
     return digest.hexdigest()[:16]
 
 
@@ -121,3 +149,35 @@ def mark_warm() -> None:
 def compilation_count() -> int:
     """Number of specialisations that were compiled, or loaded from disk, in this process."""
     return sum(len(one.signatures) for one in _dispatchers) + sum(len(one.types) for one in _ufuncs)
+
+
+class _CompilationListener(event.Listener):  # type: ignore[misc]
+    """Reports which function numba begins to compile; it has no event for one that is loaded from disk."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._known = {id(dispatcher) for dispatcher in _dispatchers}
+        self._begun, self._due_s = set[int](), 0.0
+
+    def on_start(self, event: Any) -> None:
+        dispatcher = event.data["dispatcher"]
+        if id(dispatcher) not in self._known:  # a function of numba itself
+            return
+        self._begun.add(id(dispatcher))
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + REPORT_EVERY_S
+            function = dispatcher.py_func
+            name = f"{function.__module__.removeprefix('ik_node.')}.{function.__name__}"
+            count = f"{len(self._begun)} of up to {len(self._known)} functions"
+            self._report(f"compiling, once per version: {count}: {name}")
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to report."""
+
+
+@contextlib.contextmanager
+def compilation_reports(report: Callable[[str], None]) -> Iterator[None]:
+    """Passes texts to ``report`` while functions are compiled: how many were, and which one is, at most every
+    :data:`REPORT_EVERY_S`; none when all of them are loaded from disk."""
+    with event.install_listener("numba:compile", _CompilationListener(report)):
+        yield

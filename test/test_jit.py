@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -134,3 +135,53 @@ def test_the_key_depends_on_the_path_and_the_source_of_compiled_functions(tmp_pa
     errors = copy / "ik_node" / "errors.py"
     errors.write_text(errors.read_text() + "\n# not compiled\n")
     assert run(code, copy, tmp_path) == changed
+    written = program.stat().st_mtime
+    os.utime(program, (written, written + 1.0))  # installed again: numba compiles it again
+    assert run(code, copy, tmp_path) != changed
+
+
+COMPILED = """
+from ik_node.jit import compilation_reports, compiled
+
+@compiled
+def increased(number):
+    return number + 1.0
+
+with compilation_reports(print):
+    increased(1.0)
+"""
+
+
+def test_progress_is_reported_while_something_is_compiled(tmp_path: Path) -> None:
+    """The second process loads the function from disk and reports nothing."""
+    program = tmp_path / "program.py"
+    program.write_text(COMPILED)
+    code = f"import runpy; runpy.run_path({str(program)!r}, run_name='program')"
+    assert run(code, PROJECT, tmp_path) == "compiling, once per version: 1 of up to 1 functions: program.increased"
+    assert run(code, PROJECT, tmp_path) == ""
+
+
+COPIED = """
+import os, sys
+from pathlib import Path
+from ik_node import jit
+
+folder = jit.cache_folder()
+jit.mark_warm()
+(folder / "code").write_text("machine code")
+jit.cache_folder.cache_clear()
+folder.chmod(0o555)
+if os.getuid() == 0:
+    os.setuid(65534)  # root may write everywhere
+copy = jit.cache_folder()
+print(copy != folder, os.access(copy, os.W_OK), (copy / "code").read_text(), copy)
+"""
+
+
+def test_a_complete_folder_that_cannot_be_written_is_copied() -> None:
+    """As in an image: its machine code is used, and the copy is removed with the process."""
+    with tempfile.TemporaryDirectory() as home:  # pytest's own folders may only be entered by their owner
+        Path(home).chmod(0o755)
+        different, writable, content, copy = run(COPIED, PROJECT, Path(home)).replace("machine code", "code").split()
+        assert (different, writable, content) == ("True", "True", "code")
+        assert not Path(copy).exists()

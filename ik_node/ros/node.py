@@ -25,7 +25,7 @@ from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsErro
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.interfaces.step import Level, Mode, Status, Step
-from ik_node.jit import is_cold
+from ik_node.jit import compilation_reports
 from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
@@ -123,10 +123,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         return TransitionCallbackReturn.SUCCESS
 
     def _warm_up(self, robot: Robot, settings: Settings) -> None:
-        if is_cold():
-            self.get_logger().info("compiling, once per version: about a minute")
         start_s = time.monotonic()
-        warm_up(robot, settings)
+        with compilation_reports(self.get_logger().info):
+            warm_up(robot, settings)
         gc.unfreeze()
         gc.collect()
         gc.freeze()  # a full collection of what was loaded and compiled would hold up the commands for 0.1 s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
-from ik_node.jit import is_cold
+from ik_node.jit import compilation_reports, is_cold
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
 from ik_node.report import (
@@ -81,8 +82,8 @@ class Demonstration:
         try:
             with new_folder(self._run.out) as out:
                 if is_cold():
-                    print("compiling, once per version: about a minute", flush=True)
-                    warm_up(self._robot, Settings())
+                    with compilation_reports(functools.partial(print, flush=True)):
+                        warm_up(self._robot, Settings())
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
                 try:
                     with self._simulator(out) as simulator, self._node(out) as node:

@@ -42,9 +42,7 @@ class ArmSettings(Group):
     )
     base_frame: str = setting("", "Frame {s} in which poses are given; default: the root of the model.", read_only=True)
     tip_frame: str = setting(
-        "",
-        "Tool frame {b}; default: the robot's usual one, else the end of the longest chain without a gripper.",
-        read_only=True,
+        "", "Tool frame {b}; default: the usual one, or the end of the longest chain without gripper.", read_only=True
     )
     tool_offset: tuple[float, ...] = setting(
         (), "Pose of the tool point in tip_frame: x y z qx qy qz qw; default: tip_frame itself.", "m", read_only=True

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
-from ik_node.errors import IkNodeError, SettingsError
+from ik_node.errors import IkNodeError, MissingPackageError, SettingsError
 from ik_node.settings.groups import METHOD_NAMES
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ examples:
   ik_demo --robot ur5 --target-rate 500 --out my_run
   ik_demo --urdf my_arm.urdf                         an arm of your own; ik_config my_arm.urdf prints its parameters
   ik_demo --config my_arm.yaml --trajectory circle
+  ik_demo --no-ros --method inertia_weighted         without ROS, faster than real time
   ik_demo --trajectory poses.csv --units mm          a file of poses
 
 exit code: 0 done; 1 a process failed; 2 an argument or file cannot be used, nothing was started; 130 ended by Ctrl-C
@@ -64,6 +65,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="parameter of the node; may be repeated"
     )
+    result.add_argument(
+        "--no-ros", action="store_true", help="controller and simulated arm in one process, in simulated time"
+    )
     result.add_argument("--headless", action="store_true", help="do not open the picture of the report")
     add_options(result.add_argument_group("file of poses"))
     return result
@@ -79,12 +83,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     code = UNUSABLE
     try:
         options_of_run = checked_options(options)
+        if options.no_ros:
+            from ik_node.ros.demo.in_process import run_in_process
+
+            return run_in_process(options_of_run)
         # Imported after the environment is set: the middleware reads it when it is loaded.
         from ik_node.ros.demo.demo import Demonstration
 
         demonstration = Demonstration(options_of_run)
         code = FAILED
         return demonstration.run()
+    except ModuleNotFoundError as error:
+        if error.name != "rclpy":
+            raise
+        print(f"error: {MissingPackageError(error)}; or give --no-ros", file=sys.stderr)
+        return UNUSABLE
     except SettingsError as error:  # also a folder that cannot be created
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE

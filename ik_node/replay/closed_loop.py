@@ -26,7 +26,7 @@ from ik_node.replay.call_source import CallSource, argument_of, calls, make_reco
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.kinematics import JointLimits
 from ik_node.robot.robot import Robot
-from ik_node.robot.simulated_arm import SimulatedArm
+from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.settings.schema import Value
 
 
@@ -56,9 +56,14 @@ def simulate(source: CallSource, changes: Mapping[str, Value]) -> SimulatedRun:
     return close_loop(RecordedController(controller), source, changes)
 
 
-def close_loop(recorded: RecordedController, source: CallSource, changes: Mapping[str, Value]) -> SimulatedRun:
-    """As :func:`simulate`, on a controller of ``source`` with ``changes`` that may be recorded."""
-    arm = _Arm(recorded.controller, source)
+def close_loop(
+    recorded: RecordedController, source: CallSource, changes: Mapping[str, Value], model: ArmModel | None = None
+) -> SimulatedRun:
+    """As :func:`simulate`, on a controller of ``source`` with ``changes`` that may be recorded.
+
+    ``model`` has lag and delay of the arm; default: ideal.
+    """
+    arm = _Arm(recorded.controller, source, model)
     steps = []
     for entry in calls(source):
         step = _simulated_call(recorded, source, entry, arm, changes)
@@ -123,12 +128,12 @@ def first_position(source: CallSource, robot: Robot, max_stamp_age_s: float) -> 
 class _Arm:
     """A simulated arm that replaces the positions in recorded joint states."""
 
-    def __init__(self, controller: Controller, source: CallSource) -> None:
+    def __init__(self, controller: Controller, source: CallSource, model: ArmModel | None) -> None:
         robot, max_age_s = controller.robot, controller.settings.state.max_stamp_age_s
         position, time_ns = first_position(source, robot, max_age_s)
         # A real arm may be outside the limits of its model.
         lower, upper = np.minimum(robot.limits.lower, position), np.maximum(robot.limits.upper, position)
-        self._arm = SimulatedArm(position, JointLimits(lower, upper, robot.limits.velocity), time_ns)
+        self._arm = SimulatedArm(position, JointLimits(lower, upper, robot.limits.velocity), time_ns, model)
         self._arm.command(controller.capture().velocity_controller.command.velocity, time_ns)
         self._joints = robot.joints
         self._indices: dict[tuple[str, ...], list[tuple[int, int]]] = {}

@@ -10,6 +10,7 @@ from ik_node.recording.mcap.writer import RecorderOptions
 from ik_node.replay.call_source import CallSource, calls
 from ik_node.replay.closed_loop import SimulatedRun, close_loop
 from ik_node.replay.recorded_controller import RecordedController
+from ik_node.robot.simulated_arm import ArmModel
 from ik_node.settings.schema import Value
 
 NODE = "/ik_node"
@@ -17,13 +18,16 @@ OPTIONS = RecorderOptions(queue_mb=4096.0)
 """The simulation may be faster than the disk; a large queue avoids leaving messages out."""
 
 
-def record_simulation(source: CallSource, changes: Mapping[str, Value], directory: Path) -> SimulatedRun:
+def record_simulation(
+    source: CallSource, changes: Mapping[str, Value], directory: Path, model: ArmModel | None = None
+) -> SimulatedRun:
     """Simulates a run as :func:`ik_node.replay.closed_loop.simulate` does and records it.
 
     Args:
         source: Recorded calls.
         changes: Parameter -> value.
         directory: New folder.
+        model: Lag and delay of the simulated arm; default: ideal.
 
     Returns:
         The Steps of the run.
@@ -38,6 +42,6 @@ def record_simulation(source: CallSource, changes: Mapping[str, Value], director
     recorded = RecordedController(controller, outputs.messages)
     recording = recorded.start(directory, NODE, next(calls(source)).call.now, options=OPTIONS)
     try:
-        return close_loop(recorded, source, changes)
+        return close_loop(recorded, source, changes, model)
     finally:
         recording.close()

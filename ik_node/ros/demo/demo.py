@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import signal
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from shutil import which
 from types import FrameType
 
 import numpy as np
@@ -18,38 +15,19 @@ import yaml
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.motion import Trajectory
-from ik_node.jit import compilation_reports, is_cold
-from ik_node.math.types import Array
-from ik_node.recording.run_reader import load_run
-from ik_node.report import (
-    GROUND_TRUTH_FILE,
-    GroundTruth,
-    as_json,
-    as_text,
-    compute_metrics,
-    ground_truth_from_trajectory,
-    write_ground_truth,
-)
-from ik_node.report.recorded_scene import read_obstacles
-from ik_node.report.summary_page import save_summary
+from ik_node.report import GroundTruth, ground_truth_from_trajectory
 from ik_node.robot.simulator_parameters import SIMULATOR
 from ik_node.ros.child_process import NodeProcess
 from ik_node.ros.demo.new_folder import new_folder
 from ik_node.ros.demo.options import CheckedRun, DemoOptions
+from ik_node.ros.demo.plan import HOLD_S, Motion, compile_functions, write_report
 from ik_node.ros.demo.target_streamer import TargetStreamer
-from ik_node.settings.groups import Settings
-from ik_node.trajectory import shapes
-from ik_node.trajectory.pose_file import PoseFileTrajectory
 
 READY_TIMEOUT_S = 120.0
 """Includes the compilation by the node where machine code cannot be stored on disk."""
-STREAM_RATE_HZ = 50.0
-HOLD_S = 0.6
-"""Time after the last target; the node detects the end of the stream in it."""
 PROGRESS_S = 0.2
 
 INTERRUPTED = 130
@@ -81,16 +59,14 @@ class Demonstration:
                 signal.signal(number, self._on_signal)
         try:
             with new_folder(self._run.out) as out:
-                if is_cold():
-                    with compilation_reports(functools.partial(print, flush=True)):
-                        warm_up(self._robot, Settings())
+                compile_functions(self._robot)
                 rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
                 try:
                     with self._simulator(out) as simulator, self._node(out) as node:
                         truth = self._watched([simulator, node])
                 finally:
                     rclpy.try_shutdown()
-                self._report(out, truth)
+                write_report(out, truth, self._options)
         except InterruptedBeforeStart as error:
             print(f"{error}; nothing was recorded", flush=True)
             return INTERRUPTED
@@ -160,64 +136,21 @@ class Demonstration:
             print(self._run.start.describe(self._robot.joints), flush=True)
         streamer.wait_until_ready(READY_TIMEOUT_S, check_before_start)
         start_pose = streamer.measured_pose()
-        trajectory = self._trajectory(start_pose)
-        approach = shapes.straight_line(start_pose, trajectory.pose(0.0))
-        whole = shapes.sequence(approach, trajectory)
-        if approach.duration_s:
-            print(f"{approach.duration_s:.1f} s approach to the first pose, then the trajectory", flush=True)
+        motion = Motion(self._run, self._options, start_pose)
 
         def may_continue() -> bool:
             if not self._interrupted:
                 check_processes()
             return not self._interrupted
 
-        progress = Progress(streamer, whole, may_continue)
-        start_ros_ns = streamer.stream(self._targets(approach, trajectory), progress)
+        progress = Progress(streamer, motion.whole, may_continue)
+        start_ros_ns = streamer.stream(motion.targets(), progress)
         if not self._interrupted:
             streamer.spin_for(HOLD_S)
         progress.close()
         executor.shutdown(0.5)
         streamer.destroy_node()
-        return ground_truth_from_trajectory(trajectory, start_ros_ns + round(approach.duration_s * NS))
-
-    def _trajectory(self, start_pose: Array) -> Trajectory:
-        if self._run.poses is None:
-            return shapes.SHAPES[self._options.trajectory](start_pose)
-        loaded = self._run.poses.trajectory(start_pose)
-        print(loaded.describe(), flush=True)
-        return loaded
-
-    def _targets(self, approach: Trajectory, trajectory: Trajectory) -> Iterator[tuple[float, Array]]:
-        """Yield (time_s, T_sd): a file at its own times unless a rate is given, otherwise at a constant rate."""
-        rate_hz = self._options.target_rate_hz
-        begin_s = approach.duration_s
-        for time_s in _sample_times(begin_s, rate_hz or STREAM_RATE_HZ):
-            if time_s < begin_s:
-                yield time_s, approach.pose(time_s)
-        if rate_hz is None and isinstance(trajectory, PoseFileTrajectory):
-            for sample in trajectory.samples():
-                yield begin_s + sample.time_s, sample.pose
-            return
-        for time_s in _sample_times(trajectory.duration_s, rate_hz or STREAM_RATE_HZ):
-            yield begin_s + time_s, trajectory.pose(time_s)
-
-    # --- the report ------------------------------------------------------------------------------------------------
-
-    def _report(self, out: Path, truth: GroundTruth) -> None:
-        write_ground_truth(out / GROUND_TRUTH_FILE, truth)
-        run = load_run(out / "bag")
-        report = compute_metrics(run, truth, self._trajectory_name(), obstacles=read_obstacles(out / "bag"))
-        picture = out / "report.png"
-        save_summary(run, report, picture)
-        (out / "report.json").write_text(as_json(report))
-        print(as_text(report))
-        print(f"recording {out / 'bag'}\npicture   {picture}\nlook at it: ik_view {out / 'bag'}", flush=True)
-        if self._options.show and sys.stdout.isatty() and which("xdg-open"):
-            subprocess.Popen(["xdg-open", str(picture)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-    def _trajectory_name(self) -> str:
-        name = self._options.trajectory
-        return name if name in shapes.SHAPES else Path(name).name
+        return ground_truth_from_trajectory(motion.trajectory, start_ros_ns + round(motion.approach.duration_s * NS))
 
 
 class Progress:
@@ -248,12 +181,3 @@ class Progress:
         """End the line."""
         if self._on_terminal:
             print(flush=True)
-
-
-def _sample_times(duration_s: float, rate_hz: float) -> Iterator[float]:
-    """Yield the times from 0 to ``duration_s``, both included."""
-    count = int(np.floor(duration_s * rate_hz + 1e-9))
-    for index in range(count + 1):
-        yield index / rate_hz
-    if count / rate_hz < duration_s:
-        yield duration_s

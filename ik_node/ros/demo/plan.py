@@ -1,0 +1,92 @@
+"""What a demonstration does, whether over DDS or in one process: the motion, its targets, and the report."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from shutil import which
+
+import numpy as np
+
+from ik_node.control.warm_up import warm_up
+from ik_node.interfaces.motion import Trajectory
+from ik_node.jit import compilation_reports, is_cold
+from ik_node.math.types import Array
+from ik_node.recording.run_reader import load_run
+from ik_node.report import GROUND_TRUTH_FILE, GroundTruth, as_json, as_text, compute_metrics, write_ground_truth
+from ik_node.report.recorded_scene import read_obstacles
+from ik_node.report.summary_page import save_summary
+from ik_node.robot.robot import Robot
+from ik_node.ros.demo.options import CheckedRun, DemoOptions
+from ik_node.settings.groups import Settings
+from ik_node.trajectory import shapes
+from ik_node.trajectory.pose_file import PoseFileTrajectory
+
+STREAM_RATE_HZ = 50.0
+HOLD_S = 0.6
+"""Time after the last target; the node detects the end of the stream in it."""
+
+
+class Motion:
+    """The approach to the first pose of a trajectory, and the trajectory."""
+
+    def __init__(self, run: CheckedRun, options: DemoOptions, start_pose: Array) -> None:
+        """Read the trajectory; ``start_pose`` is T_sb, (4, 4)."""
+        if run.poses is None:
+            self.trajectory: Trajectory = shapes.SHAPES[options.trajectory](start_pose)
+        else:
+            loaded = run.poses.trajectory(start_pose)
+            print(loaded.describe(), flush=True)
+            self.trajectory = loaded
+        self.approach = shapes.straight_line(start_pose, self.trajectory.pose(0.0))
+        self.whole = shapes.sequence(self.approach, self.trajectory)
+        self._rate_hz = options.target_rate_hz
+        if self.approach.duration_s:
+            print(f"{self.approach.duration_s:.1f} s approach to the first pose, then the trajectory", flush=True)
+
+    def targets(self) -> Iterator[tuple[float, Array]]:
+        """Yield (time_s, T_sd): a file at its own times unless a rate is given, otherwise at a constant rate."""
+        begin_s = self.approach.duration_s
+        for time_s in _sample_times(begin_s, self._rate_hz or STREAM_RATE_HZ):
+            if time_s < begin_s:
+                yield time_s, self.approach.pose(time_s)
+        if self._rate_hz is None and isinstance(self.trajectory, PoseFileTrajectory):
+            for sample in self.trajectory.samples():
+                yield begin_s + sample.time_s, sample.pose
+            return
+        for time_s in _sample_times(self.trajectory.duration_s, self._rate_hz or STREAM_RATE_HZ):
+            yield begin_s + time_s, self.trajectory.pose(time_s)
+
+
+def compile_functions(robot: Robot) -> None:
+    """Compile the functions of the control step, with progress, unless that was done before."""
+    if is_cold():
+        with compilation_reports(functools.partial(print, flush=True)):
+            warm_up(robot, Settings())
+
+
+def write_report(out: Path, truth: GroundTruth, options: DemoOptions) -> None:
+    """Write truth, metrics and picture beside the recording, and print the metrics."""
+    write_ground_truth(out / GROUND_TRUTH_FILE, truth)
+    run = load_run(out / "bag")
+    name = options.trajectory if options.trajectory in shapes.SHAPES else Path(options.trajectory).name
+    report = compute_metrics(run, truth, name, obstacles=read_obstacles(out / "bag"))
+    picture = out / "report.png"
+    save_summary(run, report, picture)
+    (out / "report.json").write_text(as_json(report))
+    print(as_text(report))
+    print(f"recording {out / 'bag'}\npicture   {picture}\nlook at it: ik_view {out / 'bag'}", flush=True)
+    if options.show and sys.stdout.isatty() and which("xdg-open"):
+        subprocess.Popen(["xdg-open", str(picture)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _sample_times(duration_s: float, rate_hz: float) -> Iterator[float]:
+    """Yield the times from 0 to ``duration_s``, both included."""
+    count = int(np.floor(duration_s * rate_hz + 1e-9))
+    for index in range(count + 1):
+        yield index / rate_hz
+    if count / rate_hz < duration_s:
+        yield duration_s

@@ -109,8 +109,10 @@ def _scale_of_rows(alpha: Array, zeta: Array, beta: Array) -> float:
     if not len(beta):
         return float("nan")
     conditions = np.vstack((zeta.T, alpha))
-    multipliers = np.linalg.lstsq(conditions, np.append(np.zeros(zeta.shape[1]), 1.0), rcond=1e-10)[0]
-    return float(multipliers @ beta) if abs(float(multipliers @ alpha) - 1.0) < 1e-9 else float("nan")
+    wanted = np.append(np.zeros(zeta.shape[1]), 1.0)
+    multipliers = np.linalg.lstsq(conditions, wanted, rcond=1e-10)[0]
+    cancels = float(np.abs(conditions @ multipliers - wanted).max()) < 1e-9
+    return float(multipliers @ beta) if cancels else float("nan")
 
 
 def _least_cost(

@@ -145,7 +145,7 @@ def _archive(options: argparse.Namespace) -> int:
         distribute = partial(replay_on_cluster, address=options.dask)
     else:
         distribute = partial(replay_locally, jobs=max(1, options.jobs or os.cpu_count() or 1))
-    found = replay_archive(bags, task, distribute, options.out or Path(TABLE))
+    found = replay_archive(bags, task, distribute, options.out or Path(TABLE), clock_s=time.monotonic)
     print(table.as_json(found.rows) if options.json else table.as_text(found.rows))
     for text in (*found.files, *found.notes):
         print(text, file=sys.stderr)

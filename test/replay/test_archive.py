@@ -84,7 +84,7 @@ def test_every_recording_is_a_row_and_a_broken_one_does_not_end_the_others(
     assert rows["broken"].error
     progress = result[2].splitlines()
     assert progress[0] == "0 of 3 recordings"
-    assert progress[-1].startswith("3 of 3 recordings, 1 with an error, ")
+    assert progress[-1].startswith("3 of 3 recordings, 1 with an error")
 
 
 def test_the_same_table_is_written_as_text_csv_json_and_page(result: tuple[ArchiveResult, Path, str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -40,7 +39,12 @@ class ArchiveResult(NamedTuple):
 
 
 def replay_archive(
-    bags: Sequence[FoundBag], task: ReplayTask, distribute: Distribute, folder: Path, output: TextIO | None = None
+    bags: Sequence[FoundBag],
+    task: ReplayTask,
+    distribute: Distribute,
+    folder: Path,
+    output: TextIO | None = None,
+    clock_s: Callable[[], float] | None = None,
 ) -> ArchiveResult:
     """Replays recordings and writes their table.
 
@@ -53,6 +57,7 @@ def replay_archive(
         distribute: Where they are replayed.
         folder: Of the tables, reports and kept rows; created when it does not exist.
         output: Where the progress is printed; default: stderr.
+        clock_s: Steady clock for the recordings per minute in the progress; default: they are not printed.
 
     Raises:
         RecordingError: The folder cannot be written.
@@ -64,7 +69,7 @@ def replay_archive(
         rows = {bag: row for bag in bags if (row := _kept(folder, keys[bag])) is not None}
         kept = len(rows)
         missing = [bag for bag in bags if bag not in rows]
-        with Progress(len(bags), kept, output or sys.stderr) as progress:
+        with ArchiveProgress(len(bags), kept, output or sys.stderr, clock_s) as progress:
             for bag, result in distribute(missing, task) if missing else ():
                 _keep(folder, keys[bag], result)
                 rows[bag] = result.row
@@ -115,17 +120,18 @@ def _write_tables(
     return tuple(files), tuple(notes)
 
 
-class Progress:
+class ArchiveProgress:
     """A line with the number of finished recordings: rewritten on a terminal, printed at times elsewhere."""
 
-    def __init__(self, total: int, kept: int, output: TextIO) -> None:
+    def __init__(self, total: int, kept: int, output: TextIO, clock_s: Callable[[], float] | None) -> None:
         self._total, self._done, self._kept = total, kept, kept
         self._errors = 0
         self._output, self._on_terminal = output, output.isatty()
-        self._begin_s = time.monotonic()
+        self._clock_s = clock_s or (lambda: 0.0)
+        self._begin_s = self._clock_s()
         self._next_s = 0.0
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ArchiveProgress:
         self._show()
         return self
 
@@ -141,7 +147,7 @@ class Progress:
         self._show()
 
     def _show(self, last: bool = False) -> None:
-        elapsed_s = time.monotonic() - self._begin_s
+        elapsed_s = self._clock_s() - self._begin_s
         if not (last or self._on_terminal or elapsed_s >= self._next_s):
             return
         self._next_s = elapsed_s + LINE_PERIOD_S

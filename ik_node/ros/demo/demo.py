@@ -23,7 +23,7 @@ from ik_node.robot.simulator_parameters import SIMULATOR
 from ik_node.ros.child_process import NodeProcess
 from ik_node.ros.demo.new_folder import new_folder
 from ik_node.ros.demo.options import CheckedRun, DemoOptions
-from ik_node.ros.demo.plan import HOLD_S, Motion, compile_functions, write_report
+from ik_node.ros.demo.plan import HOLD_S, PlannedMotion, compile_functions, write_report
 from ik_node.ros.demo.target_streamer import TargetStreamer
 
 READY_TIMEOUT_S = 120.0
@@ -136,7 +136,7 @@ class Demonstration:
             print(self._run.start.describe(self._robot.joints), flush=True)
         streamer.wait_until_ready(READY_TIMEOUT_S, check_before_start)
         start_pose = streamer.measured_pose()
-        motion = Motion(self._run, self._options, start_pose)
+        motion = PlannedMotion(self._run, self._options, start_pose)
 
         def may_continue() -> bool:
             if not self._interrupted:

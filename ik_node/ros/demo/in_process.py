@@ -18,7 +18,7 @@ from ik_node.report import ground_truth_from_trajectory
 from ik_node.robot.simulator_parameters import arm_model
 from ik_node.ros.demo.new_folder import new_folder
 from ik_node.ros.demo.options import CheckedRun, DemoOptions
-from ik_node.ros.demo.plan import HOLD_S, Motion, compile_functions, write_report
+from ik_node.ros.demo.plan import HOLD_S, PlannedMotion, compile_functions, write_report
 
 START_NS = NS
 """Monotonic time of the start: the same in each simulation, so that the same options give the same bits."""
@@ -44,7 +44,7 @@ def run_in_process(options: DemoOptions) -> int:
             print(run.start.describe(joints), flush=True)
         simulated = dict(zip(joints, run.simulator["initial_position"], strict=True))
         position = np.array([simulated[name] for name in run.robot.joints])
-        motion = Motion(run, options, run.robot.pose(position))
+        motion = PlannedMotion(run, options, run.robot.pose(position))
         start = SimulatedStart(position, Instant(START_NS, time.time_ns()))
         targets = list(motion.targets())
         source = StreamedTargets(run.robot, run.settings, start, targets, run.simulator["rate_hz"], HOLD_S)

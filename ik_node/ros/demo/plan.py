@@ -30,7 +30,7 @@ HOLD_S = 0.6
 """Time after the last target; the node detects the end of the stream in it."""
 
 
-class Motion:
+class PlannedMotion:
     """The approach to the first pose of a trajectory, and the trajectory."""
 
     def __init__(self, run: CheckedRun, options: DemoOptions, start_pose: Array) -> None:

@@ -27,7 +27,6 @@ import os
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -47,8 +46,8 @@ MAX_STORED_VERSIONS = 8
 """Folders of machine code kept on disk; the least recently used ones are removed."""
 MIN_FREE_BYTES = 100_000_000
 """Free disk space below which nothing is stored: a version takes a tenth of it."""
-REPORT_EVERY_S = 5.0
-"""Time between reports of progress."""
+REPORT_EVERY = 10
+"""Functions per report of progress: some seconds."""
 _WARM = "warm"
 _IMPORT = b"\nfrom ik_node.jit import"
 
@@ -157,15 +156,14 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
         self._known = {id(dispatcher) for dispatcher in _dispatchers}
-        self._begun, self._due_s = set[int](), 0.0
+        self._begun = set[int]()
 
     def on_start(self, event: Any) -> None:
         dispatcher = event.data["dispatcher"]
         if id(dispatcher) not in self._known:  # a function of numba itself
             return
         self._begun.add(id(dispatcher))
-        if time.monotonic() >= self._due_s:
-            self._due_s = time.monotonic() + REPORT_EVERY_S
+        if len(self._begun) % REPORT_EVERY == 1:
             function = dispatcher.py_func
             name = f"{function.__module__.removeprefix('ik_node.')}.{function.__name__}"
             count = f"{len(self._begun)} of up to {len(self._known)} functions"
@@ -177,7 +175,7 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]
 
 @contextlib.contextmanager
 def compilation_reports(report: Callable[[str], None]) -> Iterator[None]:
-    """Passes texts to ``report`` while functions are compiled: how many were, and which one is, at most every
-    :data:`REPORT_EVERY_S`; none when all of them are loaded from disk."""
+    """Passes texts to ``report`` while functions are compiled: how many were, and which one is, every
+    :data:`REPORT_EVERY` functions; none when all of them are loaded from disk."""
     with event.install_listener("numba:compile", _CompilationListener(report)):
         yield

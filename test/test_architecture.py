@@ -147,11 +147,7 @@ def test_tests_use_public_names_and_no_benchmark() -> None:
     assert [path.name for path in files if any(module.startswith("benchmarks") for module in imports(path))] == []
 
 
-WITH_CLOCK = ("cli", "ros", "jit")
-"""``jit`` reports the progress of a compilation, before the first control step."""
-
-
-@pytest.mark.parametrize("path", [path for path in ROOMS if room_of(name_of(path)) not in WITH_CLOCK], ids=name_of)
+@pytest.mark.parametrize("path", [path for path in ROOMS if room_of(name_of(path)) not in ("cli", "ros")], ids=name_of)
 def test_no_clock_is_read_below_ros(path: Path) -> None:
     tree = ast.parse(path.read_text())
     timed = {

@@ -2,7 +2,7 @@
 
 :mod:`ik_node.jit` compiles a function at its first call, which takes seconds. Loading it from the cache on disk takes
 milliseconds, still too long for a control step. Therefore a second controller with the same robot and settings calls
-every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach.
+every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach, joint states that are refused.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ def warm_up(robot: Robot, settings: Settings) -> int:
         run.change({"task.tolerance": tolerance})
         run.stream(0.001, 2)
     run.jog()
+    run.jump()
     run.singular_start()
     mark_warm()
     return compilation_count() - count
@@ -117,6 +118,15 @@ class _SimulatedRun:
             step = self._controller.on_joint_state(JointSample(0, self._robot.joints, measured), self._now)
             if step is not None:
                 self._arm.command(step.joint_velocity, self._time_ns)
+        self._controller.reset()
+
+    def jump(self) -> None:
+        """Measures joint positions that are not possible after the last ones."""
+        self._run_steps(2)
+        measured = self._arm.advance(self._time_ns)[0]
+        for offset in (1.0, 0.0):
+            self._time_ns += self._period_ns
+            self._controller.on_joint_state(JointSample(0, self._robot.joints, measured + offset), self._now)
         self._controller.reset()
 
     def stream(self, step_m: float, samples: int) -> None:

@@ -49,6 +49,11 @@ before = compilation_count()
 loop = Loop(robot, start)
 controller, base = loop.controller, robot.base_frame
 loop.run(0.1)
+at = loop.position.copy()
+loop.position[0] += 1.0
+loop.run(0.01)
+loop.position[:] = at
+loop.run(0.1)
 begin = loop.pose()
 times_ns = tuple(round(0.1 * count * NS) for count in range(6))
 points = begin[:3, 3] + 0.004 * np.arange(6.0)[:, None]

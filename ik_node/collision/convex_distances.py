@@ -7,7 +7,6 @@ created, and a transform is written once per link or obstacle.
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import coal
@@ -60,7 +59,6 @@ class ConvexDistances:
         self.results = _results(results, count)
         """(rows, numbers): the results, with the columns of :mod:`.distance_kernels`."""
         self.results[:, DISTANCE] = NOT_COMPUTED
-        self._kept = requests, results
 
     def program(self, first: int, second: int, shape: Shape | None) -> Any:
         """Program of a link and another link, or of a link and an obstacle of a shape.
@@ -90,7 +88,7 @@ def _guesses(requests: Any, count: int) -> Array:
 
     Raises RuntimeError when coal's memory is not laid out as expected.
     """
-    memory = _rows([requests[row].cached_gjk_guess for row in (0, 1)], 0, count)
+    memory = _rows(requests, [requests[row].cached_gjk_guess for row in (0, 1)], 0, count)
     requests[1].cached_gjk_guess = np.array([2.0, -3.0, 4.0])
     requests[1].cached_support_func_guess = np.array([5, 6], dtype=np.int32)
     corners = memory[1, 3:4].view(np.int32).tolist() if memory.shape[1] > 3 else []
@@ -105,7 +103,7 @@ def _results(results: Any, count: int) -> Array:
 
     Raises RuntimeError when coal's memory is not laid out as expected.
     """
-    memory = _rows([results[row].normal for row in (0, 1)], NORMAL, count)
+    memory = _rows(results, [results[row].normal for row in (0, 1)], NORMAL, count)
     one, other = coal.Sphere(0.1), coal.Sphere(0.25)
     places = coal.Transform3s(np.eye(3), np.array([0.5, -1.0, 2.0])), coal.Transform3s(np.eye(3), np.ones(3))
     order = [DISTANCE, *(start + axis for start in (NORMAL, FIRST, SECOND) for axis in range(3))]
@@ -118,12 +116,19 @@ def _results(results: Any, count: int) -> Array:
     return memory
 
 
-def _rows(members: list[Array], column: int, count: int) -> Array:
+class _Memory:
+    """Rows of numbers inside a vector of coal. NumPy keeps this object with its array, and so the vector."""
+
+    def __init__(self, vector: Any, address: int, shape: tuple[int, int]) -> None:
+        self.vector = vector
+        self.__array_interface__ = {"data": (address, False), "shape": shape, "typestr": "<f8", "version": 3}
+
+
+def _rows(vector: Any, members: list[Array], column: int, count: int) -> Array:
     """``count`` objects of equal distance in memory as rows of numbers; ``members`` of the first two are at
     ``column``."""
     places = [member.__array_interface__["data"][0] for member in members]
     stride = places[1] - places[0]
     if stride % 8 or stride <= 0 or any(member.flags.owndata for member in members):
         raise RuntimeError("unsupported memory layout of coal's vectors")
-    numbers = (ctypes.c_double * (count * stride // 8)).from_address(places[0] - 8 * column)
-    return np.frombuffer(numbers, dtype=np.float64).reshape(count, stride // 8)
+    return np.asarray(_Memory(vector, places[0] - 8 * column, (count, stride // 8)))

@@ -2,7 +2,8 @@
 
 :mod:`ik_node.jit` compiles a function at its first call, which takes seconds. Loading it from the cache on disk takes
 milliseconds, still too long for a control step. Therefore a second controller with the same robot and settings calls
-every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach, joint states that are refused.
+every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach, joint
+states that are refused.
 """
 
 from __future__ import annotations

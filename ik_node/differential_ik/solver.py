@@ -197,8 +197,10 @@ class DifferentialIkSolver:
                 multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
             )
         scale = wish if limited is None else limited.task_scale
-        stalled_s = self._stalled_time(twist, executed_fraction(twist, scale * task.twist, row_scale), state.elapsed_s)
-        self._snapshot = SolverSnapshot(task.state, 1.0 if scale >= wish else scale / wish, stalled_s)
+        ratio = 1.0 if scale >= wish else scale / wish
+        # A singularity that is passed slowly is passed: what it asks for is no stall.
+        stalled_s = self._stalled_time(twist, executed_fraction(twist, ratio * task.twist, row_scale), state.elapsed_s)
+        self._snapshot = SolverSnapshot(task.state, ratio, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)

@@ -104,10 +104,11 @@ def bad(about: Descriptor) -> list[Any]:
     if isinstance(default, list) and about.element is str:
         return ["a", 1.0, True, [1], [True]]
     lows, highs = limits_per_element(about)
-    # inf frees a component of task.tolerance.
-    numbers = [math.nan] if highs[0] == math.inf else [math.nan, math.inf]
+    numbers = [math.nan, math.inf]
     numbers += [] if lows[0] is None else [lows[0] - 1.0, math.floor(lows[0]) - 1]
     numbers += [] if highs[0] is None else [highs[0] * 2.0 + 1.0]
+    if highs[0] == math.inf:  # a component of task.tolerance that is free
+        numbers = [number for number in numbers if number != math.inf]
     if not isinstance(default, list):
         return ["text", True, [1.0], *numbers]
     rest = list(default[1:]) if about.size else []

@@ -12,7 +12,7 @@ from ik_node.collision.distances import ClosestPair
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
-from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT, resolve
+from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
 from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
@@ -22,7 +22,7 @@ from ik_node.differential_ik.off_direction import limits_off_direction
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
-from ik_node.differential_ik.task_problem import TaskProblem
+from ik_node.differential_ik.task_problem import MULTIPLIER_FADE_M, TaskProblem
 from ik_node.differential_ik.task_rows import TaskRows
 from ik_node.errors import InputError
 from ik_node.math.types import Array
@@ -35,9 +35,6 @@ NO_PAIR = ClosestPair(float("nan"), (), np.full((2, 3), np.nan))
 
 OTHER_SPEED_FRACTION = 0.3
 """Fraction of ``null_space_speed`` that methods which do not avoid obstacles may use."""
-
-MULTIPLIER_FADE_M = 0.02
-"""Singular value below which the published multiplier fades out with its direction; the exact one is unbounded."""
 
 ESCAPE_N = 100.0
 """Force of the potential that leads an arm out of a singularity along its null space."""
@@ -183,19 +180,7 @@ class DifferentialIkSolver:
         closed = problem.closed_form(wish * task.twist)
         limited = problem.solve(task.twist, wish, closed, bounds, dampers)
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
-            faded = resolve(
-                jacobian,
-                twist,
-                weight,
-                gradient,
-                gain,
-                threshold=MULTIPLIER_FADE_M,
-                row_scale=row_scale,
-                checked=True,
-            )
-            closed = closed._replace(
-                multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential
-            )
+            closed = problem.with_faded_multipliers(closed, jacobian, twist)
         scale = wish if limited is None else limited.task_scale
         ratio = 1.0 if scale >= wish else scale / wish
         # A singularity that is passed slowly is passed: what it asks for is no stall.

@@ -14,6 +14,9 @@ from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds
 
+MULTIPLIER_FADE_M = 0.02
+"""Singular value below which the published multiplier fades out with its direction; the exact one is unbounded."""
+
 
 @dataclass(frozen=True)
 class TaskProblem:
@@ -56,6 +59,20 @@ class TaskProblem:
             checked=True,
             svd=self.svd,
         )
+
+    def with_faded_multipliers(self, closed: ClosedFormSolution, jacobian: Array, twist: Array) -> ClosedFormSolution:
+        """``closed`` with the multipliers of a twist (m,) and a Jacobian (m, n) beside a singularity."""
+        faded = resolve(
+            jacobian,
+            twist,
+            self.weight,
+            self.gradient,
+            self.gain,
+            threshold=MULTIPLIER_FADE_M,
+            row_scale=self.row_scale,
+            checked=True,
+        )
+        return closed._replace(multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential)
 
     def solve(
         self,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ik_node.control.controller_state import ControllerSnapshot
-from ik_node.differential_ik.solver import MULTIPLIER_FADE_M
+from ik_node.differential_ik.task_problem import MULTIPLIER_FADE_M
 from ik_node.errors import RecordingError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.step import TEXT_FIELDS, Step, smallest_singular_value

@@ -51,7 +51,7 @@ class CommandSnapshot(NamedTuple):
     task_scale: float
     """s of the last control step."""
     truncated: bool
-    """True when a component of the last twist was truncated near a singularity."""
+    """True when a part of the last twist was truncated near a singularity or deferred."""
     off_direction: OffDirectionWarning
 
 
@@ -208,11 +208,11 @@ class VelocityController:
                 frozen = self.task_scale < 1.0 or self.truncated
                 integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
                 desired = desired._replace(twist_b=desired.twist_b + integral)
-            solution = self.solver.solve_twist(arm, desired.twist_b, rows)
+            solution = self.solver.solve_twist(arm, desired.twist_b, rows, gradual=True)
         held_since_ns = self.commanded_ns if elapsed_s > self.solver.limits.dt_max_s else 0
         self.command(solution.joint_velocity, now.monotonic_ns)
-        self.task_scale = solution.task_scale
-        self.truncated = solution.truncated_b is not NO_TRUNCATION and bool(np.abs(solution.truncated_b).max() > 1e-6)
+        self.task_scale = solution.progress
+        self.truncated = _is_noticeable(solution.truncated_b)
         if solution.off_direction_limits or self.off_direction.text:
             self.off_direction = updated_warning(
                 self.off_direction,
@@ -228,10 +228,13 @@ class VelocityController:
         """Conditions of a control step for the status text."""
         solution, control, solver = output.solution, self._control, self.solver
         found = []
-        if self.truncated:
+        if _is_noticeable(solution.truncated_b - solution.deferred_b):
             found.append("near a singularity: a component of the twist is truncated")
+        if _is_noticeable(solution.deferred_b):
+            found.append("a change of the twist is deferred: the joints cannot follow it along its direction")
         if solution.singularity_scale < 0.99:
-            found.append("slowed down near a singularity")
+            near = solution.singular_values[-1] < solver.singularity_threshold
+            found.append("slowed down near a singularity" if near else "slowed down ahead of joint limits")
         if solution.task_scale < solution.singularity_scale:
             found.append("slowed down by joint limits")
         if solution.relaxed:
@@ -249,6 +252,11 @@ class VelocityController:
         if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:
             found.append("ik_difference_gain is stable only for an arm without lag")
         return found
+
+
+def _is_noticeable(part: Array) -> bool:
+    """True if a part of the twist (6,) is more than rounding."""
+    return part is not NO_TRUNCATION and bool(np.abs(part).max() > 1e-6)
 
 
 @compiled

@@ -64,6 +64,9 @@ from ik_node.robot.joint_limits import JointBounds, cause
 
 Flags = NDArray[np.bool_]
 
+OFF_DIRECTION = 1e-8
+"""Components of J qd - s V_f up to this, m/s or rad/s, are rounding."""
+
 
 class ConstrainedSolution(NamedTuple):
     """The optimum under limits, and the constraints that are active or relaxed."""
@@ -95,6 +98,10 @@ class ConstrainedSolution(NamedTuple):
     def binds(self) -> bool:
         """True if a limit or a damper changed the solution."""
         return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
+
+    def leaves_direction(self, twist: Array) -> bool:
+        """True if the limits permit no multiple of ``twist`` (m,)."""
+        return bool(np.abs(self.attained - self.task_scale * twist).max() > OFF_DIRECTION)
 
     def binding(
         self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ik_node.differential_ik.closed_form import closed_form
 from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, solve_exactly, task_line, unit_rows
+from ik_node.differential_ik.viable_scale import Prediction, needs_foresight, viable_scale
 from ik_node.jit import compiled
 from ik_node.math.pseudoinverse import EPSILON, svd_with_rank
 from ik_node.math.types import Array
@@ -22,6 +23,7 @@ from ik_node.robot.joint_limits import JointBounds, MotionLimits, joint_bounds, 
 
 NO_SIDES = np.zeros(0, dtype=np.int8)
 LOWER, UPPER = 1, 2
+NO_ORDER = np.zeros(0, dtype=np.int64)
 
 
 class FastSolution(NamedTuple):
@@ -32,6 +34,8 @@ class FastSolution(NamedTuple):
     """(n,), rad/s (m/s)."""
     task_scale: float
     """s: the fraction of the twist that is executed."""
+    viable_scale: float
+    """The largest s from which the joints can brake along the twist."""
     multiplier_task: Array
     """First term of the multiplier of the closed form, (m,)."""
     multiplier_potential: Array
@@ -69,6 +73,8 @@ def solve_fast(
     elapsed_s: float,
     rows: Array,
     least: Array,
+    order: NDArray[np.int64] = NO_ORDER,
+    tolerance: float = 0.0,
 ) -> FastSolution:
     """The optimum under limits, if the fast path applies.
 
@@ -88,6 +94,8 @@ def solve_fast(
         elapsed_s: For how long it has been held, s.
         rows: Velocity dampers ``rows`` qd >= ``least``, (k, n).
         least: (k,).
+        order: Indices of the joints from the base to the tool, (n,); empty for none: the twist is not predicted.
+        tolerance: Singular value below which predicted rates are bounded, m.
 
     Raises:
         np.linalg.LinAlgError: J is not finite.
@@ -102,7 +110,13 @@ def solve_fast(
     free = closed_form(jacobian, twist, weight, gradient, gain, 0.0, row_scale, per_joint[4], svd)
     bounds = joint_bounds(limits, q, previous, elapsed_s)
     valid = svd.sigma[-1] >= threshold and nothing_relaxed(bounds)
-    velocity, scale, sides = free.joint_velocity, 1.0, NO_SIDES
+    wish = 1.0
+    if valid and len(order) == n and needs_foresight(free.task_velocity, scaled, svd.sigma[-1], q, limits):
+        ahead = Prediction(jacobian, order, row_scale, twist, tolerance, np.ones(m))
+        wish = viable_scale(ahead, q, previous, limits)
+        if wish < 1.0:
+            free = closed_form(jacobian, wish * twist, weight, gradient, gain, 0.0, row_scale, per_joint[4], svd)
+    velocity, scale, sides = free.joint_velocity, wish, NO_SIDES
     if valid and not _is_feasible(velocity, bounds, rows, least):
         base = np.minimum(np.maximum(0.0, bounds.lo), bounds.hi)
         valid = n - svd.rank <= 1 and np.all(np.isfinite(velocity)) and _obeys(base, rows, least)
@@ -112,7 +126,7 @@ def solve_fast(
             base_scale = np.nan if np.any(base != 0.0) else 0.0
             pull = free.gain * gradient if len(gradient) else np.zeros(n)
             solution = solve_exactly(
-                line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity, 1.0
+                line, bounds.lo, bounds.hi, units, limit, base, base_scale, weight, pull, velocity, wish
             )
             velocity = np.minimum(np.maximum(solution.joint_velocity, bounds.lo), bounds.hi)
             scale = solution.scale
@@ -120,7 +134,7 @@ def solve_fast(
             sides = _active_sides(velocity, bounds, units, limit)
     off_direction = jacobian @ velocity - scale * twist
     return FastSolution(
-        valid, velocity, scale, free.multiplier_task, free.multiplier_potential, svd.sigma, off_direction, sides
+        valid, velocity, scale, wish, free.multiplier_task, free.multiplier_potential, svd.sigma, off_direction, sides
     )
 
 

@@ -1,4 +1,4 @@
-"""Motion off the direction of the twist: which limits cause it.
+"""Names of limits: those that force motion off the direction of the twist, and those that are relaxed.
 
 The arm moves along V_f if the limits of the control step permit a multiple of it. If they permit none, r = J qd - s V_f
 remains, of least \\|D r\\|. Its gradient J' D^2 r is zero for the joints inside their bounds; a bound whose gradient
@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from ik_node.collision.velocity_damper import VelocityDampers
-from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.differential_ik.constrained import OFF_DIRECTION, ConstrainedSolution
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import JointBounds, cause
+from ik_node.robot.joint_limits import JointBounds, cause, relaxed
 
-MIN_OFF_DIRECTION = 1e-8
-"""Components of J qd - s V_f up to this, m/s or rad/s, are rounding."""
+MIN_SLACK = 1e-9
+"""Slack from which a damper counts as relaxed, m/s."""
 
 MIN_EFFECT = 1e-3
 """A limit whose gradient is a smaller fraction of the largest one is not named."""
@@ -43,7 +43,7 @@ def limits_off_direction(
         joints: Names of the joints.
         dampers: Velocity dampers.
     """
-    if limited is None or np.abs(off_direction).max() <= MIN_OFF_DIRECTION:
+    if limited is None or np.abs(off_direction).max() <= OFF_DIRECTION:
         return ()
     gradient = scaled_jacobian.T @ (row_scale * off_direction)
     effect = np.where(limited.at_lower, gradient, 0.0) - np.where(limited.at_upper, gradient, 0.0)
@@ -56,3 +56,14 @@ def limits_off_direction(
     if dampers is not None:
         names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(limited.damper_active).tolist()]
     return tuple(names) or limited.binding(bounds, joints, dampers)
+
+
+def relaxed_limits(
+    bounds: JointBounds, joints: tuple[str, ...], limited: ConstrainedSolution | None, dampers: VelocityDampers | None
+) -> tuple[str, ...]:
+    """Names of limits and dampers that are relaxed because stronger ones contradict them."""
+    names = relaxed(bounds, joints)
+    if limited is None or dampers is None:
+        return names
+    indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
+    return (*names, *(f"damper {dampers.names[index]}" for index in indices))

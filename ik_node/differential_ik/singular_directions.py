@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ik_node.differential_ik.viable_scale import GROWTH, TURNING
 from ik_node.math.numerics import smoothstep
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds, MotionLimits, viable_speed
@@ -26,9 +27,6 @@ NEAR_BOUNDARY_RAD = 0.15
 
 FAR_FROM_BOUNDARY_RAD = 0.35
 """... and from which it is retained."""
-
-TURNING, GROWTH = 1.5, 0.5
-"""Bounds of derivatives of J; the largest on eight arms: 1.06 and 0.30."""
 
 STEP = 1e-6
 """Step of finite differences, rad (m)."""

@@ -55,6 +55,7 @@ from ik_node.differential_ik.singular_directions import (
     continuing_rate,
 )
 from ik_node.differential_ik.singularity_branch import Branch, track_branch
+from ik_node.differential_ik.viable_scale import MIN_RATE
 from ik_node.math.numerics import smoothstep, smoothstep_ratio
 from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
@@ -120,6 +121,8 @@ class RegulatedTask(NamedTuple):
     """Scale s that is wished for, in (0, 1]."""
     retention: float
     """Smallest retention of a direction: 1 retained, 0 truncated."""
+    kept: Array
+    """Fraction of the rate along each singular direction that V_f keeps, (6,), -1 to 1."""
     singular_values: Array
     """Of D J, descending, m."""
     svd: Decomposition | None
@@ -163,7 +166,7 @@ def regulate_singularities(
     u, sigma, rows = svd.u, svd.sigma, svd.vt[:size]
     if sigma[-1] >= settings.threshold:
         free = SingularityState(max(0.0, state.delay_s - elapsed_s), "free", 1.0, 0.0)
-        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, svd, free)
+        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)
     near = JacobianNeighbourhood(
         jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance
     )
@@ -173,7 +176,8 @@ def regulate_singularities(
     if state.retention == 1.0 and state.delay_s <= settings.timeout_s and near.needs_no_regulation(wanted, limits):
         delay_s = _delay(state.delay_s, scale_before, elapsed_s, previous, limits)
         free = SingularityState(delay_s, "free", 1.0, 0.0, branch)
-        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, sigma, svd, free)
+        return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)
+    required = wanted.copy()
     critical = np.flatnonzero(sigma < settings.threshold).tolist()
     crossed = branch is not None and branch.crossed
     for index in critical[:-1] if crossed else critical:
@@ -237,10 +241,17 @@ def regulate_singularities(
         (u @ np.where((retention < 1.0) | (sigma < settings.tolerance), near.along - rates * sigma, 0.0)) / row_scale,
         scale,
         float(retention[critical].min()),
+        _kept(rates, required),
         sigma,
         svd if regular is jacobian else None,
         after._replace(delay_s=delay_s, branch=branch),
     )
+
+
+def _kept(rates: Array, required: Array) -> Array:
+    """Ratio of ``rates`` to the ``required`` ones, -1 to 1; 1 where nothing is required."""
+    needed = np.abs(required) > MIN_RATE
+    return np.asarray(np.where(needed, np.clip(rates / np.where(needed, required, 1.0), -1.0, 1.0), 1.0))
 
 
 def _at_full_speed(clipped: Array, wanted: Array, scale: float) -> Array:

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.collision.distances import ClosestPair
+from ik_node.errors import InputError
 from ik_node.math.types import Array
+from ik_node.robot.joint_limits import ROUNDING, JointBounds
 
 NO_TRUNCATION = np.zeros(6)
 """V - V_f if nothing is truncated; shared, must not be modified."""
@@ -36,9 +38,9 @@ class DifferentialIkSolution(NamedTuple):
     task_scale: float
     """s: fraction of V_f that is executed, ``singularity_scale`` times the scale of the limits."""
     singularity_scale: float
-    """Factor in (0, 1] by which V is scaled to pass a singularity on the path."""
+    """Factor in (0, 1] by which V is scaled to pass a singularity on the path, or to brake in time along V."""
     truncated_b: Array
-    """V - V_f: the part of V that is truncated near a singularity."""
+    """V - V_f: the part of V that is truncated near a singularity, and ``deferred_b``."""
     off_direction_b: Array
     """J qd - s V_f: the part of the motion that limits force off the direction of V_f; s is ``task_scale``."""
     off_direction_limits: tuple[str, ...]
@@ -55,3 +57,27 @@ class DifferentialIkSolution(NamedTuple):
     """Names of limits and dampers that are relaxed because stronger ones contradict them."""
     closest: ClosestPair
     """The closest pair of links, or of link and obstacle."""
+    deferred_b: Array = NO_TRUNCATION
+    """The part of ``truncated_b`` that is deferred: the joints cannot follow the change of V along its direction."""
+    present_share: float = 0.0
+    """Share of the present twist of the tool in V_f; the rest is V, less what is truncated near a singularity."""
+
+    @property
+    def progress(self) -> float:
+        """Fraction of V that is executed: s less the share of the present twist."""
+        return self.task_scale * (1.0 - self.present_share)
+
+
+def within_velocity_limits(velocity: Array, bounds: JointBounds) -> Array:
+    """The last check: ``velocity`` (n,) is finite, and clipped to the velocity limits.
+
+    Raises:
+        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
+            the arm has to stop.
+    """
+    if not np.isfinite(velocity).all():
+        raise InputError(f"the computed joint velocity is not finite: {velocity}")
+    clipped = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
+    if np.abs(clipped - velocity).max() > ROUNDING:
+        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
+    return clipped

@@ -15,18 +15,24 @@ from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
 from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, release_direction, stalled_time
-from ik_node.differential_ik.fast_path import LOWER, UPPER, FastSolution, solve_fast, stacked_limits
+from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS, check_masses
-from ik_node.differential_ik.off_direction import limits_off_direction
+from ik_node.differential_ik.off_direction import limits_off_direction, relaxed_limits
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
-from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
+from ik_node.differential_ik.solution import (
+    NO_TRUNCATION,
+    ArmState,
+    DifferentialIkSolution,
+    within_velocity_limits,
+)
 from ik_node.differential_ik.task_problem import MULTIPLIER_FADE_M, TaskProblem
 from ik_node.differential_ik.task_rows import TaskRows
-from ik_node.errors import InputError
+from ik_node.differential_ik.twist_change import gradual_twist
+from ik_node.differential_ik.viable_scale import Prediction, viable_scale
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits, relaxed
+from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
@@ -38,9 +44,6 @@ OTHER_SPEED_FRACTION = 0.3
 
 ESCAPE_N = 100.0
 """Force of the potential that leads an arm out of a singularity along its null space."""
-
-MIN_SLACK = 1e-9
-"""Slack from which a damper counts as relaxed, m/s."""
 
 
 class SolverSnapshot(NamedTuple):
@@ -133,6 +136,11 @@ class DifferentialIkSolver:
         self._snapshot = INITIAL
 
     @property
+    def singularity_threshold(self) -> float:
+        """Singular value below which singularities are regulated, m."""
+        return self._singularity.threshold
+
+    @property
     def without_effect(self) -> str:
         """Reason why the gradient of the method has no effect; empty if it has."""
         if self._method.avoids_obstacles:
@@ -145,13 +153,17 @@ class DifferentialIkSolver:
             return "obstacles.posture_weight has no effect: obstacles.posture is empty"
         return ""
 
-    def solve_twist(self, state: ArmState, twist_b: Array, rows: TaskRows | None = None) -> DifferentialIkSolution:
+    def solve_twist(
+        self, state: ArmState, twist_b: Array, rows: TaskRows | None = None, *, gradual: bool = False
+    ) -> DifferentialIkSolution:
         """Joint velocity for a twist of the tool.
 
         Args:
             state: State of the arm.
             twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
             rows: Which part of it is followed, and the bands; None for the whole pose.
+            gradual: True: V_f changes no faster than the joints can follow along it
+                (:mod:`ik_node.differential_ik.twist_change`). False: V_f changes at once.
 
         Raises:
             InputError: There is no finite solution.
@@ -177,34 +189,48 @@ class DifferentialIkSolver:
         )
         dampers = None if terms is None else terms.dampers
         wish = task.singularity_scale
+        if rows is self._whole_pose:
+            wish = min(wish, self._viable_scale(state, jacobian, twist_b, task.kept))
         closed = problem.closed_form(wish * task.twist)
         limited = problem.solve(task.twist, wish, closed, bounds, dampers)
+        truncated, deferred_b, share = task.truncated, NO_TRUNCATION, 0.0
+        scale = wish if limited is None else limited.task_scale
+        gradual = gradual and rows.bands is None and self._snapshot.stalled_s <= TIMEOUT_S
+        if gradual and limited is not None and limited.leaves_direction(task.twist):
+            change = gradual_twist(problem.svd, jacobian, task.twist, row_scale, wish, state.previous, bounds)
+            if change is not None:
+                share, deferred = change.present_share, task.twist - change.twist
+                truncated, deferred_b = truncated + deferred, rows.body_twist(deferred)
+                closed = problem.closed_form(change.scale * change.twist)
+                limited = problem.solve(change.twist, change.scale, closed, bounds, dampers)
+                scale = change.scale if limited is None else limited.task_scale
+        progress = (1.0 - share) * scale
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             closed = problem.with_faded_multipliers(closed, jacobian, twist)
-        scale = wish if limited is None else limited.task_scale
-        ratio = 1.0 if scale >= wish else scale / wish
-        # A singularity that is passed slowly is passed: what it asks for is no stall.
-        stalled_s = self._stalled_time(twist, executed_fraction(twist, ratio * task.twist, row_scale), state.elapsed_s)
-        self._snapshot = SolverSnapshot(task.state, ratio, stalled_s)
+        fraction = executed_fraction(twist, progress * task.twist, row_scale)
+        stalled_s = self._stalled_time(twist, fraction, state.elapsed_s)
+        self._snapshot = SolverSnapshot(task.state, min(progress / task.singularity_scale, 1.0), stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
-        velocity = _within_velocity_limits(velocity, bounds)
-        off_direction = jacobian @ velocity - scale * (twist - task.truncated)
+        velocity = within_velocity_limits(velocity, bounds)
+        off_direction = jacobian @ velocity - scale * (twist - truncated)
         active = () if rows.bands is None else rows.bands.active(velocity, scale)
         return DifferentialIkSolution(
             velocity,
             scale,
             wish,
-            rows.body_twist(task.truncated),
+            rows.body_twist(truncated),
             rows.body_twist(off_direction),
             self._limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, dampers),
             rows.wrench(closed.multiplier_task),
             rows.wrench(closed.multiplier_potential),
             rows.all_singular_values(task.singular_values),
             active if limited is None else (*limited.binding(bounds, self._robot.joints, dampers), *active),
-            self._relaxed(bounds, limited, dampers),
+            relaxed_limits(bounds, self._robot.joints, limited, dampers),
             NO_PAIR if terms is None else terms.closest,
+            deferred_b,
+            share,
         )
 
     def _regulated(
@@ -212,7 +238,7 @@ class DifferentialIkSolver:
     ) -> RegulatedTask:
         """What singularities leave of the twist."""
         if rows.is_empty:
-            return RegulatedTask(jacobian, twist, np.zeros(1), 1.0, 1.0, np.zeros(1), None, START)
+            return RegulatedTask(jacobian, twist, np.zeros(1), 1.0, 1.0, np.ones(1), np.zeros(1), None, START)
         return regulate_singularities(
             rows.jacobian,
             state.q_middle,
@@ -252,7 +278,7 @@ class DifferentialIkSolver:
         limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
         rows = self._whole_pose if rows is None else rows
         jacobian, row_scale = rows.place(state.q_middle), rows.row_scale
-        command, unknown = _within_velocity_limits(limited.joint_velocity, bounds), np.full(6, np.nan)
+        command, unknown = within_velocity_limits(limited.joint_velocity, bounds), np.full(6, np.nan)
         off_direction = jacobian @ (command - limited.task_scale * velocity)
         return DifferentialIkSolution(
             command,
@@ -265,7 +291,7 @@ class DifferentialIkSolver:
             unknown,
             rows.all_singular_values(np.asarray(np.linalg.svd(row_scale[:, None] * jacobian, compute_uv=False))),
             limited.binding(bounds, self._robot.joints, dampers),
-            self._relaxed(bounds, limited, dampers),
+            relaxed_limits(bounds, self._robot.joints, limited, dampers),
             NO_PAIR if terms is None else terms.closest,
         )
 
@@ -298,6 +324,8 @@ class DifferentialIkSolver:
             state.elapsed_s,
             rows,
             least,
+            self._robot.chain_order if task is self._whole_pose else NO_ORDER,
+            self._singularity.tolerance,
         )
         if not fast.valid or (task.bands is not None and not task.bands.hold(fast.joint_velocity, fast.task_scale)):
             return None
@@ -314,7 +342,7 @@ class DifferentialIkSolver:
         return DifferentialIkSolution(
             fast.joint_velocity,
             fast.task_scale,
-            1.0,
+            fast.viable_scale,
             NO_TRUNCATION,
             task.body_twist(fast.off_direction),
             (),
@@ -325,6 +353,14 @@ class DifferentialIkSolver:
             (),
             NO_PAIR if terms is None else terms.closest,
         )
+
+    def _viable_scale(self, state: ArmState, jacobian: Array, twist: Array, kept: Array) -> float:
+        """The largest s from which the joints can brake along the twist; 1 for an arm that cannot be predicted."""
+        order = self._robot.chain_order
+        if len(order) == 0:
+            return 1.0
+        ahead = Prediction(jacobian, order, self._whole_pose.row_scale, twist, self._singularity.tolerance, kept)
+        return viable_scale(ahead, state.q, state.previous, self.limits)
 
     def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
@@ -361,27 +397,3 @@ class DifferentialIkSolver:
     ) -> tuple[str, ...]:
         scaled, joints = row_scale[:, None] * jacobian, self._robot.joints
         return limits_off_direction(off_direction, limited, scaled, row_scale, bounds, joints, dampers)
-
-    def _relaxed(
-        self, bounds: JointBounds, limited: ConstrainedSolution | None, dampers: VelocityDampers | None
-    ) -> tuple[str, ...]:
-        names = relaxed(bounds, self._robot.joints)
-        if limited is None or dampers is None:
-            return names
-        indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
-        return (*names, *(f"damper {dampers.names[index]}" for index in indices))
-
-
-def _within_velocity_limits(velocity: Array, bounds: JointBounds) -> Array:
-    """The last check: ``velocity`` (n,) is finite, and clipped to the velocity limits.
-
-    Raises:
-        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
-            the arm has to stop.
-    """
-    if not np.isfinite(velocity).all():
-        raise InputError(f"the computed joint velocity is not finite: {velocity}")
-    clipped = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
-    if np.abs(clipped - velocity).max() > ROUNDING:
-        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
-    return clipped

@@ -140,7 +140,13 @@ class Step(NamedTuple):
         ),
     ]
     truncated_b: Annotated[
-        Array, Quantity(Kind.TWIST, "V - V_f: component of V removed near a singularity.", "m/s, rad/s", "b")
+        Array,
+        Quantity(
+            Kind.TWIST,
+            "V - V_f: part of V given up near a singularity, or deferred because the joints cannot follow its change.",
+            "m/s, rad/s",
+            "b",
+        ),
     ]
     off_direction_b: Annotated[
         Array,

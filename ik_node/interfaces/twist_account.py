@@ -6,8 +6,9 @@
     done = J qd ,  held_back = (1 - s) V_f ,  truncated = V - V_f ,  off_direction = J qd - s V_f
 
 V is the twist of the control law, J the Jacobian in the middle of the interval in which qd is held. ``truncated`` is
-given up near a singularity. The tool moves along V_f at the scale s, unless limits permit no multiple of V_f; what
-they force off that direction is ``off_direction``. The sum has no remainder beyond rounding.
+given up near a singularity, or deferred: V_f changes no faster than the joints can follow along it. The tool moves
+along V_f at the scale s, unless limits permit no multiple of V_f; what they force off that direction is
+``off_direction``. The sum has no remainder beyond rounding.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class TwistAccount(NamedTuple):
     held_back: Array
     """(1 - s) V_f: the part along V_f that waits, because limits or a singularity slow the arm down."""
     truncated: Array
-    """V - V_f: the part that is given up near a singularity."""
+    """V - V_f: the part that is given up near a singularity, or deferred."""
     off_direction: Array
     """J qd - s V_f: motion that is no multiple of V_f."""
 

@@ -131,6 +131,11 @@ class Robot:
         """Number of controlled joints."""
         return len(self.joints)
 
+    @property
+    def chain_order(self) -> NDArray[np.int64]:
+        """(n,): indices of the controlled joints from the base to the tool; empty for an arm with mimic joints."""
+        return np.argsort(self._velocity_index) if self._mimic_map is None else np.zeros(0, dtype=np.int64)
+
     def _read_limits(self) -> JointLimits:
         m = len(self._moving_joints)
         lower, upper = np.full(m, -np.inf), np.full(m, np.inf)

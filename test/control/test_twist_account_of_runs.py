@@ -1,7 +1,8 @@
 """The account of a twist over whole runs: no control step has a remainder, and motion off the direction is reported.
 
 The target moves along random joint motions to positions beside their limits and through singular ones, as in
-``direction_cases``: with the default limits the joints cannot follow each change of the twist.
+``direction_cases``: with the default limits the joints cannot follow each change of the twist. The feedback law defers
+such changes; the law in joint space leaves the direction.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ MAX_REMAINDER = 1e-9
 """m/s, rad/s."""
 ROW_SCALE = np.repeat((1.0, 0.3), 3)
 STEPS = 2000
+
+
+JOINT_SPACE_LAW = {"control_law": "ik_difference", "ik_difference_gain": 100.0}
 
 
 def run_through_limits(name: str, seed: int, **values: object) -> Loop:
@@ -76,7 +80,7 @@ def test_no_control_step_of_a_run_has_a_remainder(name: str) -> None:
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_no_control_step_of_the_joint_space_law_has_a_remainder(name: str) -> None:
     """V is J times the joint velocity of the law, whether limits bind or not."""
-    check_run(run_through_limits(name, 7, control_law="ik_difference", ik_difference_gain=100.0))
+    check_run(run_through_limits(name, 7, **JOINT_SPACE_LAW), 20)
 
 
 @pytest.mark.exhaustive
@@ -86,7 +90,7 @@ def test_no_control_step_of_any_method_has_a_remainder(name: str, method: str) -
     check_run(run_through_limits(name, 5, method=method))
 
 
-def check_run(loop: Loop) -> None:
+def check_run(loop: Loop, least_off_steps: int = -1) -> None:
     """No remainder; each motion off the direction beyond the threshold of the warning is in the status, and only it."""
     steps = remainders(loop)
     assert len(steps) > 0.9 * STEPS
@@ -103,12 +107,12 @@ def check_run(loop: Loop) -> None:
             )
         elif time_s > last_s + RELEASE_S + 2.0 / RATE_HZ:
             assert OFF_DIRECTION not in step.status.reason
-    assert off_steps > 20, "the run must leave the direction for this test to be valid"
+    assert off_steps > least_off_steps, "the run must leave the direction for this test to be valid"
 
 
 def test_the_status_names_the_limit_and_changes_rarely() -> None:
     """The speed is rounded up in the series 1, 2, 5, and one text is in force at a time."""
-    loop = run_through_limits("ur5", 20261127)
+    loop = run_through_limits("ur5", 20261127, **JOINT_SPACE_LAW)
     texts = [step.status.reason for step in loop.steps if step.status.mode is Mode.TRACKING]
     warned = [text for text in texts if OFF_DIRECTION in text]
     assert warned
@@ -125,7 +129,7 @@ def test_the_status_names_the_limit_and_changes_rarely() -> None:
 
 def test_the_published_values_are_those_of_the_account() -> None:
     """Norms of linear and angular parts beside scale and truncated twist."""
-    loop = run_through_limits("ur5", 20261127)
+    loop = run_through_limits("ur5", 20261127, **JOINT_SPACE_LAW)
     step = max(
         (step for step in loop.steps if np.isfinite(step.scale)), key=lambda step: scaled_norm(step.off_direction_b)
     )
@@ -135,6 +139,19 @@ def test_the_published_values_are_those_of_the_account() -> None:
         assert float(values[f"{key}_angular_rad_s"]) == pytest.approx(np.linalg.norm(part[3:]), rel=1e-5)
     assert float(values["off_direction_linear_m_s"]) > 0.01
     assert values["off_direction_limits"] == ", ".join(step.off_direction_limits)
+
+
+def test_a_deferred_change_of_the_twist_is_in_the_account_and_in_the_status() -> None:
+    """Far from singularities ``truncated_b`` is what is deferred."""
+    loop = run_through_limits("ur5", 20261127)
+    deferred = [
+        step
+        for step in loop.steps
+        if np.isfinite(step.scale) and step.singular_values[-1] > 0.12 and scaled_norm(step.truncated_b) > 0.01
+    ]
+    assert len(deferred) > 20
+    for step in deferred:
+        assert "a change of the twist is deferred" in step.status.reason
 
 
 def test_a_run_within_all_limits_has_no_warning() -> None:

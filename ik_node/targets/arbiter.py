@@ -253,7 +253,14 @@ class TargetArbiter:
 
     # --- control steps ------------------------------------------------------------------------------------------------
 
-    def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
+    def advance(
+        self,
+        time_ns: int,
+        hold_s: float,
+        time_rate: float = 1.0,
+        pose_sb: Array | None = None,
+        q: Array | None = None,
+    ) -> Motion:
         """The desired motion at a control step.
 
         Args:
@@ -261,6 +268,7 @@ class TargetArbiter:
             hold_s: Time for which the twist will be applied.
             time_rate: Fraction of the last twist that the arm executed, 0 to 1; 0 while the robot does not follow.
             pose_sb: Measured T_sb (4, 4), for the distance from a path and the lead limit of jogging; None for neither.
+            q: Measured joint positions (n,), for the foresight on a path; None for none.
 
         Returns:
             T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
@@ -272,7 +280,7 @@ class TargetArbiter:
         if self._source is TargetSource.POSE:
             return self._stream.advance(time_ns, hold_s)
         if self._on_path:
-            return self._path.advance(time_ns, hold_s, time_rate, pose_sb)
+            return self._path.advance(time_ns, hold_s, time_rate, pose_sb, q)
         return self._jog.advance(time_ns, hold_s, time_rate, pose_sb)
 
     def _motion(self) -> RigidMotion:

@@ -30,6 +30,7 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.targets.bounds import APPROACH, motion_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
+from ik_node.targets.path.foresight import PathForesight, PathPrediction, viable_rate
 from ik_node.targets.path.request import PathRequest
 from ik_node.targets.path.se3_spline import Knots
 from ik_node.targets.path.speed_ramp import SpeedRamp
@@ -76,6 +77,10 @@ class PathSnapshot:
     clock_s: float | None = None
     """Time since the start of the path; None before."""
     time_rate: float = 1.0
+    prediction: PathPrediction | None = None
+    """Joint motion ahead; None if it is not known."""
+    foreseen_rate: float = 1.0
+    """Rate of the time on the path that the joints can follow."""
     distance_m: float = nan
 
 
@@ -85,6 +90,7 @@ class PathFollower:
     def __init__(self, settings: Settings, robot: Robot | None = None) -> None:
         """``robot``: its joint limits bound the speed along paths without time stamps; None to ignore them."""
         self._timing = PathTiming(settings, robot)
+        self._foresight = None if robot is None else PathForesight(robot, settings)
         self.configure(settings)
         self._state = PathSnapshot()
         self._timed: TimedPath | None = None
@@ -92,6 +98,8 @@ class PathFollower:
     def configure(self, settings: Settings) -> None:
         """Applies other settings."""
         self._timing.configure(settings)
+        if self._foresight is not None:
+            self._foresight.configure(settings)
         self._limits = motion_bounds(settings.target, APPROACH)
 
     def capture(self) -> PathSnapshot:
@@ -185,7 +193,14 @@ class PathFollower:
 
     # --- control steps ------------------------------------------------------------------------------------------------
 
-    def advance(self, time_ns: int, hold_s: float, time_rate: float = 1.0, pose_sb: Array | None = None) -> Motion:
+    def advance(
+        self,
+        time_ns: int,
+        hold_s: float,
+        time_rate: float = 1.0,
+        pose_sb: Array | None = None,
+        q: Array | None = None,
+    ) -> Motion:
         """The desired motion at a control step.
 
         The twist belongs to the way on the path that the arm covers at ``time_rate``, so that arcs are not cut short.
@@ -195,6 +210,7 @@ class PathFollower:
             hold_s: Time for which the twist will be applied.
             time_rate: Fraction of the last twist that the arm executed.
             pose_sb: Measured T_sb (4, 4), for the distance from the path; None for no update.
+            q: Measured joint positions (n,), for the foresight; None for none.
 
         Returns:
             T_sd at ``time_ns`` and its mean body twist V_d over ``hold_s``.
@@ -202,11 +218,27 @@ class PathFollower:
         self._catch_up(time_ns, time_rate)
         s, path = self._state, self._path
         part = expected_time_rate(time_rate)
-        begin, end = self._path_time(s.clock_s), self._path_time(self._clock_after(part * hold_s))
+        begin = self._path_time(s.clock_s)
+        self._foresee(begin, hold_s, q)
+        end = self._path_time(self._clock_after(part * s.foreseen_rate * hold_s))
         motion, s.transition, distance_m = path.advance(begin, end, hold_s, s.transition, pose_sb, part)
         if pose_sb is not None:
             s.distance_m = distance_m
         return motion
+
+    def _foresee(self, time_s: float, hold_s: float, q: Array | None) -> None:
+        """Updates the prediction and the rate of the next ``hold_s``."""
+        s, path = self._state, self._path
+        if self._foresight is None or q is None or s.clock_s is None:
+            s.prediction, s.foreseen_rate = None, 1.0
+            return
+        if s.prediction is None:
+            s.foreseen_rate = 1.0
+        s.prediction = self._foresight.updated(s.prediction, path.table, path.end_s, time_s, q)
+        if s.prediction is None:
+            s.foreseen_rate = 1.0
+        else:
+            s.foreseen_rate = viable_rate(s.prediction, time_s, hold_s, s.foreseen_rate)
 
     def _catch_up(self, time_ns: int, time_rate: float) -> None:
         s = self._state
@@ -216,7 +248,7 @@ class PathFollower:
             s.transition = advanced(s.transition, elapsed_s, time_rate)
         s.time_ns = max(s.time_ns, time_ns)
         if s.clock_s is not None:
-            s.clock_s += time_rate * elapsed_s
+            s.clock_s += s.foreseen_rate * time_rate * elapsed_s
             return
         if s.search is not None:
             s.search = self._timing.advanced_search(self._path.spline, s.search)
@@ -233,7 +265,8 @@ class PathFollower:
 
     def motion(self) -> RigidMotion:
         """The reference at the last control step, slowed down as the arm is."""
-        return slowed(composed(self._goal(), self._state.transition), self._state.time_rate, 0.0)
+        s = self._state
+        return slowed(composed(self._goal(), s.transition), s.foreseen_rate * s.time_rate, 0.0)
 
     def _goal(self) -> RigidMotion:
         """The present motion on the path."""

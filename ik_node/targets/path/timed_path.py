@@ -40,7 +40,7 @@ class TimedPath:
             if self._time_scaling is None
             else (self._time_scaling.rows, self._time_scaling.window_s)
         )
-        self._table = PathTable(self.spline.table, rows, window_s)
+        self.table = PathTable(self.spline.table, rows, window_s)
 
     @property
     def end_s(self) -> float:
@@ -81,7 +81,7 @@ class TimedPath:
             path [m], found by descent from ``begin_s``.
         """
         motion, after, distance_m = _led(
-            self._table,
+            self.table,
             begin_s,
             end_s,
             hold_s,
@@ -110,17 +110,21 @@ def _led(
     part: float,
 ) -> tuple[Motion, Transition, float]:
     """:meth:`TimedPath.advance`; ``has_transition``: False if there is no transition."""
-    begin, end = _place(path, begin_s), _place(path, end_s)
-    position, orientation = pose_on(path.spline, begin)
-    now = resting(position, orientation)
-    position, orientation = pose_on(path.spline, end)
-    then = resting(position, orientation)
+    begin = _place(path, begin_s)
+    now, then = resting_on(path, begin_s), resting_on(path, end_s)
     if has_transition:
         transition, after = planned(transition, hold_s)
         now = placed(now, transition.motion)
         then = placed(then, interpolated(transition.motion, after, part))
     distance_m = nearest_on(path.spline, pose_position(pose_sb), begin)[1]
     return Motion(pose_matrix(now), mean_twist(now, then, part * hold_s)), transition, distance_m
+
+
+@compiled
+def resting_on(path: PathTable, time_s: float) -> RigidMotion:
+    """:meth:`TimedPath.resting`."""
+    position, orientation = pose_on(path.spline, _place(path, time_s))
+    return resting(position, orientation)
 
 
 @compiled

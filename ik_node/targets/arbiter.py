@@ -2,9 +2,8 @@
 
 Rule: **the latest accepted target is active.** A pose, path, trajectory or twist that is accepted replaces the active
 input; a pose cancels a running path, and a path ends a stream. A zero twist keeps or ends jogging, but does not replace
-another input. When the active input ends, the arm holds the last pose until the next target.
-
-The reference never jumps: the new input takes over its position, velocity and acceleration.
+another input. When the active input ends, the arm holds the last pose until the next target. The reference never jumps:
+the new input takes over its position, velocity and acceleration.
 
 ``time_rate`` is the fraction s of each twist that the limits allow. The references of paths and of jogging advance by
 that fraction, so that a path is followed later but exactly, and jogging does not run ahead of the arm. A stream cannot

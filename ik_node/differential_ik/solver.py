@@ -209,7 +209,8 @@ class DifferentialIkSolver:
             closed = problem.with_faded_multipliers(closed, jacobian, twist)
         fraction = executed_fraction(twist, progress * task.twist, row_scale)
         stalled_s = self._stalled_time(twist, fraction, state.elapsed_s)
-        self._snapshot = SolverSnapshot(task.state, min(progress / task.singularity_scale, 1.0), stalled_s)
+        ratio = 1.0 if progress >= task.singularity_scale else progress / task.singularity_scale
+        self._snapshot = SolverSnapshot(task.state, ratio, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)

@@ -13,7 +13,7 @@ import numpy as np
 from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSnapshot
 from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
-from ik_node.control.off_direction_warning import NO_WARNING, OffDirectionWarning, updated_warning
+from ik_node.control.off_direction_warning import MIN_RATIO, MIN_SPEED, NO_WARNING, OffDirectionWarning, updated_warning
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot, task_note
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
@@ -39,6 +39,9 @@ class ControlOutput(NamedTuple):
     """Solution of the differential inverse kinematics; contains the command."""
     held_since_ns: int
     """Monotonic time of the previous command if it was held for longer than the limits hold; 0 otherwise."""
+
+
+DEFERRED = "a change of the twist is deferred"
 
 
 class CommandSnapshot(NamedTuple):
@@ -208,7 +211,7 @@ class VelocityController:
                 frozen = self.task_scale < 1.0 or self.truncated
                 integral = self._integral.twist(desired.error_b, elapsed_s, frozen, control)
                 desired = desired._replace(twist_b=desired.twist_b + integral)
-            solution = self.solver.solve_twist(arm, desired.twist_b, rows, gradual=True)
+            solution = self.solver.solve_twist(arm, desired.twist_b, rows, foresight=True)
         held_since_ns = self.commanded_ns if elapsed_s > self.solver.limits.dt_max_s else 0
         self.command(solution.joint_velocity, now.monotonic_ns)
         self.task_scale = solution.progress
@@ -230,8 +233,8 @@ class VelocityController:
         found = []
         if _is_noticeable(solution.truncated_b - solution.deferred_b):
             found.append("near a singularity: a component of the twist is truncated")
-        if _is_noticeable(solution.deferred_b):
-            found.append("a change of the twist is deferred: the joints cannot follow it along its direction")
+        if self._is_deferred(output):
+            found.append(f"{DEFERRED}: the joints cannot follow it along its direction")
         if solution.singularity_scale < 0.99:
             near = solution.singular_values[-1] < solver.singularity_threshold
             found.append("slowed down near a singularity" if near else "slowed down ahead of joint limits")
@@ -252,6 +255,14 @@ class VelocityController:
         if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:
             found.append("ik_difference_gain is stable only for an arm without lag")
         return found
+
+    def _is_deferred(self, output: ControlOutput) -> bool:
+        """True if more of the twist is deferred than off its direction without a warning."""
+        deferred, twist = output.solution.deferred_b, output.desired.twist_b
+        if deferred is NO_TRUNCATION:
+            return False
+        scale = np.repeat((1.0, self._control.characteristic_length), 3)
+        return bool(np.linalg.norm(scale * deferred) > max(MIN_RATIO * np.linalg.norm(scale * twist), MIN_SPEED))
 
 
 def _is_noticeable(part: Array) -> bool:

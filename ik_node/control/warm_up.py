@@ -56,6 +56,7 @@ def warm_up(robot: Robot, settings: Settings) -> int:
     """
     count = compilation_count()
     run = _SimulatedRun(robot, settings)
+    run.paths()  # first, while the reference is where the arm is: only then does the arm move along them
     for method in METHOD_NAMES:
         try:
             run.change({"method": method, "control_law": "twist_feedback"})
@@ -64,7 +65,6 @@ def warm_up(robot: Robot, settings: Settings) -> int:
         run.obstacle(0.1)
         run.stream(OUT_OF_REACH_M, 2)
     run.stream(0.001, SAMPLES)
-    run.paths()
     run.jog()
     dampers = {"obstacles.velocity_damper": not settings.obstacles.velocity_damper}
     run.change({"arm_lag_s": 0.02, "integral_gain": (0.1, 0.0), **dampers})
@@ -144,12 +144,15 @@ class _SimulatedRun:
     def paths(self) -> None:
         """Follows paths with and without times, from the tool's pose and from nearby, and trajectories."""
         base = self._robot.base_frame
+        self._run_steps(2)
         for distance_m in (0.0, NEARBY_M):
             point, quaternion = self._tool()
             points = np.stack((point, point + 0.5 * NEARBY_M, point + NEARBY_M)) + distance_m
             quaternions = np.stack((quaternion, quaternion, quaternion))
             times_ns = (0, NS // 4, NS // 2)
-            timed = PathSample((base,) * 3, tuple(self._time_ns + time_ns for time_ns in times_ns), points, quaternions)
+            begin_ns = self._time_ns + 2 * self._period_ns  # a later begin is reached, and the arm moves along the path
+            stamps_ns = tuple(begin_ns + time_ns for time_ns in times_ns)
+            timed = PathSample((base,) * 3, stamps_ns, points, quaternions)
             untimed = timed._replace(stamps_ns=(0, 0, 0))
             twists = np.full((3, 6), 0.01)
             for sample in (timed, untimed):

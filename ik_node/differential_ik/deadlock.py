@@ -53,6 +53,11 @@ def executed_fraction(twist: Array, executed: Array, row_scale: Array) -> float:
     return math.sqrt(float(done @ done) / max(float(wanted @ wanted), 1e-300))
 
 
+def is_truncated(twist: Array, followed: Array, row_scale: Array) -> bool:
+    """True if a singularity truncates nearly all of the twist; :func:`executed_fraction` has the arguments."""
+    return executed_fraction(twist, followed, row_scale) < MIN_FRACTION
+
+
 def stalled_time(before_s: float, fraction: float, max_entry: float, elapsed_s: float) -> float:
     """For how long the arm has been stalled, s.
 

@@ -14,7 +14,7 @@ from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
 from ik_node.differential_ik.constrained import ConstrainedSolution
-from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, release_direction, stalled_time
+from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, is_truncated, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.methods import METHODS, check_masses
@@ -154,7 +154,7 @@ class DifferentialIkSolver:
         return ""
 
     def solve_twist(
-        self, state: ArmState, twist_b: Array, rows: TaskRows | None = None, *, gradual: bool = False
+        self, state: ArmState, twist_b: Array, rows: TaskRows | None = None, *, foresight: bool = False
     ) -> DifferentialIkSolution:
         """Joint velocity for a twist of the tool.
 
@@ -162,8 +162,9 @@ class DifferentialIkSolver:
             state: State of the arm.
             twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
             rows: Which part of it is followed, and the bands; None for the whole pose.
-            gradual: True: V_f changes no faster than the joints can follow along it
-                (:mod:`ik_node.differential_ik.twist_change`). False: V_f changes at once.
+            foresight: True: s and V_f are those that the joints can follow ahead and in time
+                (:mod:`ik_node.differential_ik.viable_scale`, :mod:`ik_node.differential_ik.twist_change`), for the
+                whole pose. False: the limits of this control step alone decide.
 
         Raises:
             InputError: There is no finite solution.
@@ -173,7 +174,8 @@ class DifferentialIkSolver:
         jacobian, row_scale, twist = rows.place(state.q_middle), rows.row_scale, rows.twist(twist_b)
         weight, gradient = self._cost(state, terms)
         gain = 0.0 if gradient is None else self._control.gradient_gain
-        fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms)
+        order = self._robot.chain_order if foresight and rows is self._whole_pose else NO_ORDER
+        fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms, order)
         if fast is not None:
             return fast
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
@@ -189,32 +191,35 @@ class DifferentialIkSolver:
         )
         dampers = None if terms is None else terms.dampers
         wish = task.singularity_scale
-        if rows is self._whole_pose:
-            wish = min(wish, self._viable_scale(state, jacobian, twist_b, task.kept))
+        if len(order):
+            ahead = Prediction(jacobian, order, row_scale, twist, self._singularity.tolerance, task.kept)
+            wish = min(wish, viable_scale(ahead, state.q, state.previous, self.limits))
         closed = problem.closed_form(wish * task.twist)
         limited = problem.solve(task.twist, wish, closed, bounds, dampers)
         truncated, deferred_b, share = task.truncated, NO_TRUNCATION, 0.0
         scale = wish if limited is None else limited.task_scale
-        gradual = gradual and rows.bands is None and self._snapshot.stalled_s <= TIMEOUT_S
+        gradual = len(order) > 0 and self._snapshot.stalled_s <= TIMEOUT_S
         if gradual and limited is not None and limited.leaves_direction(task.twist):
             change = gradual_twist(problem.svd, jacobian, task.twist, row_scale, wish, state.previous, bounds)
             if change is not None:
-                share, deferred = change.present_share, task.twist - change.twist
-                truncated, deferred_b = truncated + deferred, rows.body_twist(deferred)
+                share, deferred_b = change.present_share, task.twist - change.twist
+                truncated = truncated + deferred_b
                 closed = problem.closed_form(change.scale * change.twist)
                 limited = problem.solve(change.twist, change.scale, closed, bounds, dampers)
                 scale = change.scale if limited is None else limited.task_scale
         progress = (1.0 - share) * scale
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             closed = problem.with_faded_multipliers(closed, jacobian, twist)
-        fraction = executed_fraction(twist, progress * task.twist, row_scale)
-        stalled_s = self._stalled_time(twist, fraction, state.elapsed_s)
         ratio = 1.0 if progress >= task.singularity_scale else progress / task.singularity_scale
+        # A singularity that is passed slowly is passed: what it asks for is no stall.
+        stalled_s = self._stalled_time(twist, executed_fraction(twist, ratio * task.twist, row_scale), state.elapsed_s)
         self._snapshot = SolverSnapshot(task.state, ratio, stalled_s)
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
         velocity = within_velocity_limits(velocity, bounds)
+        if stalled_s > TIMEOUT_S and is_truncated(twist, task.twist, row_scale):  # V_f has no direction to keep
+            scale, truncated = 1.0, twist - jacobian @ velocity
         off_direction = jacobian @ velocity - scale * (twist - truncated)
         active = () if rows.bands is None else rows.bands.active(velocity, scale)
         return DifferentialIkSolution(
@@ -306,6 +311,7 @@ class DifferentialIkSolver:
         gradient: Array | None,
         gain: float,
         terms: AvoidanceTerms | None,
+        order: NDArray[np.int64],
     ) -> DifferentialIkSolution | None:
         """The solution of the fast path; None if it does not apply or a limit has blocked the arm for too long."""
         rows, least = (self._no_rows, self._no_limits) if terms is None else terms.dampers[:2]
@@ -325,7 +331,7 @@ class DifferentialIkSolver:
             state.elapsed_s,
             rows,
             least,
-            self._robot.chain_order if task is self._whole_pose else NO_ORDER,
+            order,
             self._singularity.tolerance,
         )
         if not fast.valid or (task.bands is not None and not task.bands.hold(fast.joint_velocity, fast.task_scale)):
@@ -354,14 +360,6 @@ class DifferentialIkSolver:
             (),
             NO_PAIR if terms is None else terms.closest,
         )
-
-    def _viable_scale(self, state: ArmState, jacobian: Array, twist: Array, kept: Array) -> float:
-        """The largest s from which the joints can brake along the twist; 1 for an arm that cannot be predicted."""
-        order = self._robot.chain_order
-        if len(order) == 0:
-            return 1.0
-        ahead = Prediction(jacobian, order, self._whole_pose.row_scale, twist, self._singularity.tolerance, kept)
-        return viable_scale(ahead, state.q, state.previous, self.limits)
 
     def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
         bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)

@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from ik_node.cli.entry import command_line
@@ -35,6 +36,7 @@ EPILOG = """\
 examples:
   ik_replay my_run/bag                            bit for bit
   ik_replay my_run/bag --method inertia_weighted  the recorded targets with another method, simulated
+  ik_replay my_run/bag --method all --report methods.png   energies, multipliers, null-space motion of all methods
   ik_replay my_run/bag --method all --set gain=[5.0,5.0] --open-loop
   ik_replay other_bag --robot panda               a bag of another program
   ik_replay my_run/bag --ros --input target_pose  the recorded targets to a running node
@@ -63,6 +65,8 @@ def parser() -> argparse.ArgumentParser:
     what_if.add_argument("--open-loop", action="store_true", help=about)
     about = f"new folder for recordings of the simulated runs; many recordings: folder of the table [{TABLE}]"
     what_if.add_argument("--out", type=Path, help=about)
+    about = "also report on the simulated runs side by side, as a PNG, PDF, HTML or SVG file"
+    what_if.add_argument("--report", type=Path, metavar="FILE", help=about)
     what_if.add_argument("--jobs", type=int, help=f"number of simultaneous runs or recordings [{os.cpu_count()}]")
     many = result.add_argument_group("many recordings")
     about = (
@@ -116,7 +120,7 @@ def _refuse_without_effect(options: argparse.Namespace, external: bool) -> None:
         (("to", "input"), options.ros, "without --ros"),
         (("method", "set"), not options.ros, "with --ros"),
         (("open_loop",), simulates and not external, "without --method or --set, and for a bag of another program"),
-        (("out", "jobs"), simulates, "without --method, --set or a bag of another program"),
+        (("out", "report", "jobs"), simulates, "without --method, --set or a bag of another program"),
         (("node",), not external, "for a bag of another program"),
         (("dask", "no_reports"), False, "for one recording"),
     ):
@@ -135,7 +139,7 @@ def _archive(options: argparse.Namespace) -> int:
     from ik_node.replay.archive.run import replay_archive
     from ik_node.settings.parameter_file import parse_assignment
 
-    single = ("node", "open_loop", "robot", "config", "remap", "start", "ros", "to", "input")
+    single = ("node", "open_loop", "report", "robot", "config", "remap", "start", "ros", "to", "input")
     given = ["--" + name.replace("_", "-") for name in single if getattr(options, name)]
     if given:
         raise SettingsError(f"{', '.join(given)}: no effect for many recordings")
@@ -181,9 +185,12 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
         ground_truth_of,
         make_variants,
     )
+    from ik_node.report.atomic_write import check_suffix
     from ik_node.report.ground_truth import ground_truth_from_targets
     from ik_node.settings.parameter_file import parse_assignment
 
+    if options.report is not None:
+        check_suffix(options.report)
     source = opened()
     first = Variant("as configured", {}) if external else RECORDED
     wanted = (first, *make_variants(source.initial_settings, options.method, dict(map(parse_assignment, options.set))))
@@ -212,8 +219,14 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
         print(text.closed_loop_table(found, _against(truth)))
         if commands:
             print("\n" + text.open_loop_table(commands))
-    if options.out is not None:
-        _record(opened, wanted, options.out)
+    with TemporaryDirectory() as scratch:
+        if options.out is not None or options.report is not None:
+            bags = _record(opened, wanted, options.out or Path(scratch))
+        if options.out is not None:
+            for bag in bags:
+                print(f"recording {bag}", file=sys.stderr)
+        if options.report is not None:
+            _report(bags, None if external else options.bag, options.report, shows_table=not options.json)
     return 0
 
 
@@ -236,14 +249,29 @@ def _against(truth: GroundTruth | None) -> str:
     return "nothing: there were no targets" if truth is None else f"the {truth.source}"
 
 
-def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> None:
-    """Record every run on its own, for ``ik_report`` and ``ik_view``."""
+def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> list[Path]:
+    """Record every run on its own, for ``ik_report`` and ``ik_view``; return the folders."""
     from ik_node.replay.rerecord import record_simulation
 
+    bags = []
     for variant in wanted:
         name = "".join(character if character.isalnum() or character in "._-" else "_" for character in variant.name)
         record_simulation(opened(), variant.changes, out / name)
-        print(f"recording {out / name}", file=sys.stderr)
+        bags.append(out / name)
+    return bags
+
+
+def _report(bags: Sequence[Path], recorded: Path | None, to: Path, shows_table: bool) -> None:
+    """Report on recorded runs, against the trajectory beside the recording that they were simulated from."""
+    from ik_node.report.atomic_write import write_report
+    from ik_node.report.reported_run import read_reported_runs, truth_beside
+    from ik_node.report.table import METHOD_LABELS, as_table
+
+    reported_runs = read_reported_runs(bags, None if recorded is None else truth_beside(recorded))
+    write_report(reported_runs, to)
+    if shows_table:
+        print("\n" + as_table(reported_runs, labels=METHOD_LABELS))
+    print(to, file=sys.stderr)
 
 
 def _external_bag(options: argparse.Namespace) -> SourceFactory:

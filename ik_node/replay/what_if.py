@@ -22,12 +22,11 @@ from ik_node.replay.call_source import CallSource, RecordingSource, calls
 from ik_node.replay.closed_loop import SimulatedRun, open_loop, simulate
 from ik_node.replay.gc_pause import infrequent_gc
 from ik_node.report.ground_truth import (
-    GROUND_TRUTH_FILE,
     GroundTruth,
     ground_truth_from_targets,
-    read_ground_truth,
     rotation_angle,
 )
+from ik_node.report.reported_run import stored_truth
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import METHOD_NAMES, Settings
@@ -122,10 +121,8 @@ def _shown(value: Value) -> str:
 
 def ground_truth_of(path: Path, node: str) -> GroundTruth | None:
     """The reference trajectory: the one stored beside the recording, otherwise the recorded targets."""
-    folder = path.resolve() if path.is_dir() else path.resolve().parent
-    beside = folder.parent / GROUND_TRUTH_FILE
-    if beside.is_file():
-        return read_ground_truth(beside)
+    if (stored := stored_truth(path)) is not None:
+        return stored
     run = load_run(path, node)
     return ground_truth_from_targets(run.targets, run.base_frame)
 

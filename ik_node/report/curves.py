@@ -28,6 +28,8 @@ from ik_node.report.style import (
 
 VELOCITY_AXIS_END = 118.0
 """End of the axis of joint velocities, % of the limit."""
+NULL_SPACE_AXIS_END = 0.01
+"""Least end of the axis of the null-space speed, rad/s: rounding errors are not enlarged."""
 
 
 def draw_tracking_error(axes: Any, reported_runs: Sequence[ReportedRun], quantity: DisplayedQuantity) -> None:
@@ -169,20 +171,37 @@ def draw_kinetic_energy(axes: Any, reported_runs: Sequence[ReportedRun]) -> None
     axes.set_ylim(bottom=0.0)
 
 
-def draw_potential(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
-    """The potential h(q) of the method, minus its value at the start."""
-    known = [reported for reported in reported_runs if len(reported.metrics.energy_series.potential)]
-    unit = quantities.POTENTIAL.unit
+def draw_gravitational_energy(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """The gravitational energy minus its value at the start: the potential of ``gravity_gradient``."""
+    axes.set_title(f"Gravitational energy - that at the start [{quantities.GRAVITATIONAL_ENERGY.unit}]")
+    for reported in reported_runs:
+        series = reported.metrics.energy_series
+        known = np.isfinite(series.gravitational)
+        if known.any():
+            values = series.gravitational - series.gravitational[known][0]
+            axes.plot(*decimate(series.times_s - reported.zero_s, values), color=reported.colour)
+
+
+def draw_repulsion(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """The repulsive potential of near pairs: that of ``obstacle_gradient``."""
+    axes.set_title(quantities.REPULSION.title)
+    known = [reported for reported in reported_runs if (reported.metrics.energy_series.repulsion > 0.0).any()]
     if not known:
-        axes.set_title(quantities.POTENTIAL.title)
-        placeholder(axes, "the method has no potential")
+        placeholder(axes, "zero: no pair is near, or not computed")
         return
-    names = ", ".join(dict.fromkeys(reported.metrics.energy.potential for reported in known))
-    axes.set_title(f"h(q) - h(q at the start) [{unit}]: {names}")
     for reported in known:
         series = reported.metrics.energy_series
-        values = series.potential - series.potential[0]
-        axes.plot(*decimate(series.potential_times_s - reported.zero_s, values), color=reported.colour)
+        axes.plot(series.repulsion_times_s - reported.zero_s, series.repulsion, color=reported.colour)
+    axes.set_ylim(bottom=0.0)
+
+
+def draw_null_space_speed(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
+    """Norm of N qd: the joint velocity that moves no followed component of the tool."""
+    axes.set_title(f"{quantities.NULL_SPACE_SPEED.title}: joint velocity that does not move the tool")
+    for reported in reported_runs:
+        series = reported.metrics.null_space_series
+        axes.plot(*decimate(series.times_s - reported.zero_s, series.speed), color=reported.colour)
+    axes.set_ylim(bottom=0.0, top=max(axes.get_ylim()[1], NULL_SPACE_AXIS_END))
 
 
 def _account(reported: ReportedRun) -> TwistAccount:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ik_node.interfaces.step import CLOSED_LOOP, FASTER
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.lateness import deliveries, hold_ups, late_rows, setting, target_age_s
+from ik_node.report.lateness import deliveries, expected_rate_hz, hold_ups, late_rows, target_age_s
 from ik_node.report.tracking import TrackingSeries
 
 OFF_M = 1e-3
@@ -184,14 +184,6 @@ def _timing(run: Run, rows: NDArray[np.bool_], begin_s: float, end_s: float) -> 
         hold_ups=int(ended.sum()),
         hold_ups_s=float((np.minimum(waits.end_s, end_s) - begins)[ended].sum()),
     )
-
-
-def expected_rate_hz(run: Run) -> float:
-    """``rate_hz``, or the rate of the joint states when that is clearly lower."""
-    rate_hz = setting(run, "rate_hz")
-    periods = np.diff(run.state_times_s[np.isfinite(run.state_times_s)])
-    median_s = float(np.median(periods)) if len(periods) else 0.0
-    return 1.0 / median_s if median_s * rate_hz > 1.5 else rate_hz
 
 
 def _targets(run: Run, begin_s: float, end_s: float) -> DeviationTargets:

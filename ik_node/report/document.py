@@ -38,7 +38,7 @@ def draw_pages(reported_runs: Sequence[ReportedRun]) -> tuple[ReportPage, ...]:
         ),
         ReportPage(
             "Solver",
-            "Singular values, task scale s, clearance, both multiplier terms and energies.",
+            "Singular values, task scale s, clearance, both multiplier terms, energies and null-space motion.",
             draw_solver(reported_runs),
         ),
         ReportPage(

@@ -1,4 +1,4 @@
-"""Kinetic energy of the commands and the potential h(q) of the method over a run."""
+"""Kinetic energy of the commands, gravitational energy and repulsion over a run."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ POTENTIALS = {"gravity_gradient": GRAVITY, "obstacle_gradient": REPULSION}
 
 
 class EnergyMetrics(NamedTuple):
-    """Kinetic energy 1/2 qd' M qd of the commands, and the potential h; NaN where there is none."""
+    """Kinetic energy 1/2 qd' M qd of the commands, both potentials, and that of the method; NaN where there is none."""
 
     kinetic_mean_j: float
     kinetic_max_j: float
+    gravitational_mean_j: float
+    """Of the measured positions, with the zero of Pinocchio: at the height of the base."""
+    repulsion_mean_j: float
+    """Of near pairs, with the bounds of this run, also when its method does not use it."""
     potential: str
     """What h is; empty when the method has no potential."""
     potential_first_j: float
@@ -37,10 +41,12 @@ class EnergySeries(NamedTuple):
     """(k,), on the axis of ``Run.times_s``."""
     kinetic: Array
     """(k,), J; NaN without a measured position."""
-    potential_times_s: Array
+    gravitational: Array
+    """(k,), J; NaN without a measured position."""
+    repulsion_times_s: Array
     """(r,)"""
-    potential: Array
-    """(r,), J."""
+    repulsion: Array
+    """(r,), J; empty without distances."""
 
 
 def energies(
@@ -55,23 +61,27 @@ def energies(
         clearance_series: Its distances, for the potential of ``obstacle_gradient``.
     """
     known = np.asarray(np.isfinite(run.q).all(axis=1) & np.isfinite(run.joint_velocity).all(axis=1))
-    kinetic = np.full(len(known), np.nan)
+    kinetic, gravitational = np.full(len(known), np.nan), np.full(len(known), np.nan)
     for row in np.flatnonzero(known).tolist():
         kinetic[row] = robot.kinetic_energy(run.q[row], run.joint_velocity[row])
+        gravitational[row] = robot.gravitational_energy(run.q[row])
+    times_s, repulsion = np.empty(0), np.empty(0)
+    if clearance_series is not None:
+        times_s, repulsion = clearance_series.times_s, clearance_series.repulsion
     name = POTENTIALS.get(method, "")
-    times_s, potential = np.empty(0), np.empty(0)
-    if name == GRAVITY:
-        times_s = run.times_s[known]
-        potential = np.array([robot.gravitational_energy(q) for q in run.q[known]])
-    elif name == REPULSION and clearance_series is not None:
-        times_s, potential = clearance_series.times_s, clearance_series.repulsion
-    finite = kinetic[known]
+    potential = {GRAVITY: gravitational[known], REPULSION: repulsion}.get(name, np.empty(0))
     metrics = EnergyMetrics(
-        kinetic_mean_j=float(finite.mean()) if len(finite) else math.nan,
-        kinetic_max_j=float(finite.max()) if len(finite) else math.nan,
+        kinetic_mean_j=_mean(kinetic[known]),
+        kinetic_max_j=float(kinetic[known].max()) if known.any() else math.nan,
+        gravitational_mean_j=_mean(gravitational[known]),
+        repulsion_mean_j=_mean(repulsion),
         potential=name if len(potential) else "",
         potential_first_j=float(potential[0]) if len(potential) else math.nan,
         potential_last_j=float(potential[-1]) if len(potential) else math.nan,
         potential_max_j=float(potential.max()) if len(potential) else math.nan,
     )
-    return metrics, EnergySeries(run.times_s, kinetic, times_s, potential)
+    return metrics, EnergySeries(run.times_s, kinetic, gravitational, times_s, repulsion)
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else math.nan

@@ -80,7 +80,7 @@ def late_rows(run: Run) -> LateRows:
     """Late control steps of a run."""
     found = hold_ups(run)
     begin, end = run.times_s[:-1], run.times_s[1:]
-    limit_s = LATE_PERIODS / setting(run, "rate_hz")
+    limit_s = LATE_PERIODS / expected_rate_hz(run)
     late = _counted(run) & (end - begin > limit_s)
     waited = np.diff(run.state_times_s) <= limit_s
     held_up = np.searchsorted(found.end_s, end, side="right") > np.searchsorted(found.end_s, begin, side="right")
@@ -95,7 +95,7 @@ def _counted(run: Run) -> NDArray[np.bool_]:
 def late_steps(run: Run) -> LateStepMetrics:
     """Late control steps and hold-ups of a run."""
     found, rows = hold_ups(run), late_rows(run)
-    hold_s = setting(run, "limits.hold_periods") / setting(run, "rate_hz")
+    hold_s = setting(run, "limits.hold_periods") / expected_rate_hz(run)
     return LateStepMetrics(
         late=int(rows.late.sum()),
         by_machine=int(rows.by_machine.sum()),
@@ -154,3 +154,11 @@ def setting(run: Run, name: str) -> float:
     """Value of a parameter at the start; NaN when it was not recorded."""
     value = run.settings.get(name)
     return float(value) if isinstance(value, (int, float)) else math.nan
+
+
+def expected_rate_hz(run: Run) -> float:
+    """``rate_hz``, or the rate of the joint states when that is clearly lower."""
+    rate_hz = setting(run, "rate_hz")
+    periods = np.diff(run.state_times_s[np.isfinite(run.state_times_s)])
+    median_s = float(np.median(periods)) if len(periods) else 0.0
+    return 1.0 / median_s if median_s * rate_hz > 1.5 else rate_hz

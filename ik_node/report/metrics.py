@@ -24,6 +24,7 @@ from ik_node.report.energies import EnergyMetrics, EnergySeries, energies
 from ik_node.report.extremes import JointLimitMargin, MultiplierMaxima, joint_limit_margin, multiplier_maxima
 from ik_node.report.ground_truth import GroundTruth, ground_truth_from_targets
 from ik_node.report.lateness import LateStepMetrics, LateTargetMetrics, late_steps, late_targets
+from ik_node.report.null_space import NullSpaceMetrics, NullSpaceSeries, null_space_motion
 from ik_node.report.recorded_scene import RecordedObstacles
 from ik_node.report.run_description import recording_date
 from ik_node.report.tracking import TrackingErrors, TrackingMetrics, TrackingSeries, compare, tool_to_reference
@@ -159,6 +160,7 @@ class RunMetrics(NamedTuple):
     self_clearance: ClearanceMetrics
     """Smallest distance between links, from the recorded positions."""
     energy: EnergyMetrics
+    null_space: NullSpaceMetrics
     margin: JointLimitMargin
     multiplier: MultiplierMaxima
     periods: tuple[StatePeriod, ...]
@@ -178,6 +180,7 @@ class RunMetrics(NamedTuple):
     """For plots; like the following ones not part of the JSON."""
     clearance_series: ClearanceSeries | None
     energy_series: EnergySeries
+    null_space_series: NullSpaceSeries
 
 
 def compute_metrics(
@@ -206,6 +209,7 @@ def compute_metrics(
     method = str(run.settings.get("method", ""))
     clearance_series = clearances(run, robot, obstacles)
     energy, energy_series = energies(run, robot, method, clearance_series)
+    null_space, null_space_series = null_space_motion(run, robot)
     return RunMetrics(
         robot=run.robot or robot_name(run.urdf),
         trajectory=trajectory,
@@ -226,6 +230,7 @@ def compute_metrics(
         obstacle_clearance=NO_CLEARANCE if clearance_series is None else clearance_series.least_obstacle,
         self_clearance=NO_CLEARANCE if clearance_series is None else clearance_series.least_own,
         energy=energy,
+        null_space=null_space,
         margin=joint_limit_margin(run),
         multiplier=multiplier_maxima(run),
         periods=_periods(run, durations_s),
@@ -240,6 +245,7 @@ def compute_metrics(
         series=series,
         clearance_series=clearance_series,
         energy_series=energy_series,
+        null_space_series=null_space_series,
     )
 
 

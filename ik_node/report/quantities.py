@@ -64,6 +64,10 @@ OBSTACLE_CLEARANCE = DisplayedQuantity("clearance to obstacles", "mm", 1e3, 1)
 SELF_CLEARANCE = DisplayedQuantity("clearance between links", "mm", 1e3, 1)
 KINETIC_ENERGY = DisplayedQuantity("kinetic energy of the command", "J", digits=4)
 POTENTIAL = DisplayedQuantity("potential h(q)", "J")
+GRAVITATIONAL_ENERGY = DisplayedQuantity("gravitational energy", "J")
+REPULSION = DisplayedQuantity("repulsion of near pairs", "J", digits=4)
+NULL_SPACE_SPEED = DisplayedQuantity("null-space speed |N qd|", "rad/s", digits=4)
+"""With prismatic joints m/s is counted as rad/s."""
 COMPUTING = DisplayedQuantity("computing time", "ms", 1e3)
 MULTIPLIER_TASK_LINEAR = DisplayedQuantity("λ task, linear", "N s")
 """The multiplier has one presentation everywhere: its task term is a momentum, its potential term divided by the gain k

@@ -142,11 +142,17 @@ def methods_of(reported: ReportedRun) -> tuple[str, ...]:
     return tuple(dict.fromkeys((reported.metrics.method, *map(str, changes))))
 
 
-def stored_truth(bag: Path) -> GroundTruth | None:
-    """The ground truth beside the recording's folder; None if there is none."""
+def truth_beside(bag: Path) -> Path | None:
+    """The file with the ground truth beside the recording's folder; None if there is none."""
     place = bag.resolve()
     beside = (place if place.is_dir() else place.parent).parent / GROUND_TRUTH_FILE
-    return read_ground_truth(beside) if beside.is_file() else None
+    return beside if beside.is_file() else None
+
+
+def stored_truth(bag: Path) -> GroundTruth | None:
+    """The ground truth beside the recording's folder; None if there is none."""
+    beside = truth_beside(bag)
+    return None if beside is None else read_ground_truth(beside)
 
 
 def _check_overlap(truth: GroundTruth, run: Run, bag: Path) -> None:

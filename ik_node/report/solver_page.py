@@ -11,8 +11,10 @@ from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
 from ik_node.report.curves import (
     draw_clearance,
+    draw_gravitational_energy,
     draw_kinetic_energy,
-    draw_potential,
+    draw_null_space_speed,
+    draw_repulsion,
     draw_scale,
     draw_singular_values,
     draw_twist_account,
@@ -37,19 +39,21 @@ AXIS_COLOURS = (VERMILION, GREEN, BLUE)
 
 def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
     """Draws the page: components of the multiplier for one recording, norms for several."""
-    figure = new_figure(11.2)
-    page_heading(figure, "Singular values, task scale, clearance, multiplier and energies")
+    figure = new_figure(13.4)
+    page_heading(figure, "Singular values, task scale, clearance, multiplier, energies and null-space motion")
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
-    grid = figure.add_gridspec(5, 2, left=0.05, right=0.985, top=0.92, bottom=0.05, hspace=0.32, wspace=0.1)
-    left = [figure.add_subplot(grid[row, 0]) for row in range(5)]
-    right = [figure.add_subplot(grid[row, 1]) for row in range(5)]
+    grid = figure.add_gridspec(6, 2, left=0.05, right=0.985, top=0.93, bottom=0.045, hspace=0.32, wspace=0.1)
+    left = [figure.add_subplot(grid[row, 0]) for row in range(6)]
+    right = [figure.add_subplot(grid[row, 1]) for row in range(6)]
     draw_singular_values(left[0], reported_runs)
     draw_scale(left[1], reported_runs)
     draw_clearance(left[2], reported_runs)
     draw_twist_account(left[3], reported_runs)
     draw_kinetic_energy(left[4], reported_runs)
-    draw_potential(right[4], reported_runs)
+    draw_gravitational_energy(right[4], reported_runs)
+    draw_null_space_speed(left[5], reported_runs)
+    draw_repulsion(right[5], reported_runs)
     momenta = [reported.run.multiplier_task for reported in reported_runs]
     wrenches = [potential_wrench(reported.run) for reported in reported_runs]
     potential, frame = "λ potential / k", _frame(reported_runs)

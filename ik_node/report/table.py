@@ -237,6 +237,12 @@ _METRICS: tuple[_Metric, ...] = (
     ),
     _number(quantities.KINETIC_ENERGY, "energy.kinetic_mean_j", "1/2 qd' M qd of the commands.", "{}, mean"),
     _number(quantities.KINETIC_ENERGY, "energy.kinetic_max_j", "The same.", "{}, max"),
+    _number(quantities.NULL_SPACE_SPEED, "null_space.rms", "Joint velocity that does not move the tool.", "{}, RMS"),
+    _number(quantities.NULL_SPACE_SPEED, "null_space.max", "The same.", "{}, max"),
+    _number(
+        quantities.GRAVITATIONAL_ENERGY, "energy.gravitational_mean_j", "Lowered by `gravity_gradient`.", "{}, mean"
+    ),
+    _number(quantities.REPULSION, "energy.repulsion_mean_j", "Lowered by `obstacle_gradient`.", "{}, mean"),
     _text("potential h", "energy.potential", "What the method lowers in the null space."),
     _number(quantities.POTENTIAL, "energy.potential_first_j", "At the first position.", "{}, at the start"),
     _number(quantities.POTENTIAL, "energy.potential_last_j", "At the last position.", "{}, at the end"),
@@ -281,6 +287,22 @@ MAIN_LABELS = (
     "kinetic energy of the command, mean [J]",
 )
 """Rows of the comparison of several recordings in a picture."""
+
+
+METHOD_LABELS = (
+    "method",
+    "kinetic energy of the command, mean [J]",
+    "kinetic energy of the command, max [J]",
+    "gravitational energy, mean [J]",
+    "repulsion of near pairs, mean [J]",
+    "null-space speed |N qd|, RMS [rad/s]",
+    "null-space speed |N qd|, max [rad/s]",
+    "λ task, linear, max [N s]",
+    "λ task, angular, max [N m s]",
+    "λ potential / k, force, max [N]",
+    "λ potential / k, torque, max [N m]",
+)
+"""Rows that differ between methods on the same motion."""
 
 
 def as_table(reported_runs: Sequence[ReportedRun], max_width: int = MAX_WIDTH, labels: Collection[str] = ()) -> str:

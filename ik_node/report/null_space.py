@@ -1,0 +1,102 @@
+"""Motion in the null space of the task: the part of the joint velocity that moves no followed component of the tool."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ik_node.math.task_error import task_deviation
+from ik_node.math.task_tolerance import TaskTolerance
+from ik_node.math.types import Array
+from ik_node.recording.run import Run
+from ik_node.report.clearances import settings_of
+from ik_node.robot.robot import Robot
+
+TASK_PARAMETERS = ("task.tolerance", "task.frame")
+RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest are zero: their directions belong to the null space."""
+
+
+class NullSpaceMetrics(NamedTuple):
+    """Norm of N qd over a run, rad/s (m/s); NaN without a control step in closed loop."""
+
+    rms: float
+    max: float
+
+
+class NullSpaceSeries(NamedTuple):
+    """Motion in the null space over time."""
+
+    times_s: Array
+    """(k,), on the axis of ``Run.times_s``."""
+    speed: Array
+    """Norm of N qd, (k,), rad/s (m/s); NaN without a measured position."""
+
+
+def null_space_motion(run: Run, robot: Robot) -> tuple[NullSpaceMetrics, NullSpaceSeries]:
+    """Motion of a run in the null space of its task.
+
+    N = I - J^+ J projects orthogonally, so that N qd = 0 for ``plain`` without active limits, and the other methods
+    show what they add. J are the rows of J_b that the task follows exactly, at the measured position; commands are
+    computed for the middle of their interval, so that ``plain`` has some 1e-4 rad/s here.
+
+    Args:
+        run: The recorded run.
+        robot: Its robot.
+    """
+    known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.joint_velocity).all(axis=1)
+    speed = np.full(len(known), np.nan)
+    for tolerance, active in _tolerances(run):
+        has_rows = tolerance.is_exact | np.isfinite(run.pose_sd).all(axis=(1, 2))
+        rows = np.flatnonzero(known & active & has_rows)
+        if len(rows):
+            jacobians = np.array([_followed_rows(run, robot, tolerance, row) for row in rows.tolist()])
+            speed[rows] = null_space_speed(jacobians, run.joint_velocity[rows])
+    finite = speed[np.isfinite(speed)]
+    metrics = NullSpaceMetrics(math.nan, math.nan)
+    if len(finite):
+        metrics = NullSpaceMetrics(float(np.sqrt(np.mean(finite**2))), float(finite.max()))
+    return metrics, NullSpaceSeries(run.times_s, speed)
+
+
+def null_space_speed(jacobians: Array, velocities: Array) -> Array:
+    """Norm of N qd.
+
+    Args:
+        jacobians: Followed rows of J_b, (k, m, n).
+        velocities: qd, (k, n), rad/s (m/s).
+
+    Returns:
+        (k,), rad/s (m/s).
+    """
+    _, sigma, directions = np.linalg.svd(jacobians, full_matrices=False)
+    moves = sigma > RANK_TOLERANCE * sigma[:, :1]
+    along = np.einsum("kmn,kn->km", directions, velocities) * moves
+    remaining = velocities - np.einsum("kmn,km->kn", directions, along)
+    result: Array = np.linalg.norm(remaining, axis=1)
+    return result
+
+
+def _followed_rows(run: Run, robot: Robot, tolerance: TaskTolerance, row: int) -> Array:
+    jacobian_b = robot.evaluate(run.q[row]).jacobian_b
+    if tolerance.is_exact:
+        return jacobian_b
+    poses = (np.ascontiguousarray(pose[row]) for pose in (run.pose_sb, run.pose_sd))
+    return np.asarray(task_deviation(tolerance.form, *poses).rows_b[tolerance.exact] @ jacobian_b)
+
+
+def _tolerances(run: Run) -> list[tuple[TaskTolerance, NDArray[np.bool_]]]:
+    """The tolerances of the run, and the control steps (k,) that each applies to."""
+    settings = settings_of(run)
+    found = [(-math.inf, settings.task)]
+    for time_s, changed in run.setting_changes:
+        settings = settings.with_values({name: value for name, value in changed.items() if name in TASK_PARAMETERS})
+        found.append((time_s, settings.task))
+    ends = [*(time_s for time_s, _ in found[1:]), math.inf]
+    return [
+        (TaskTolerance(task.tolerance, task.frame), np.asarray((run.times_s > begin) & (run.times_s <= end)))
+        for (begin, task), end in zip(found, ends, strict=True)
+    ]

@@ -63,8 +63,7 @@ class Controller:
             UnknownNameError: ``obstacles`` names a link that does not exist.
         """
         settings = with_srdf_text(settings)
-        self.robot = robot
-        self.settings = settings
+        self.robot, self.settings = robot, settings
         self.targets_refused = 0
         """Number of refused targets."""
         self.states_refused = 0
@@ -81,8 +80,7 @@ class Controller:
         self._tick = 0
         self._state: JointState | None = None
         self._last_step_ns = self._retry_ns = 0
-        self._subscribers = 1
-        self._keep_targets = False
+        self._subscribers, self._keep_targets = 1, False
 
     @property
     def status(self) -> Status:
@@ -242,6 +240,7 @@ class Controller:
         """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""
         law = self._velocity_controller
         law.configure(settings)
+        law.set_rate(self._timer.expected_hz)
         self._status.note("limits", law.slowing())
         self._status.note("task", law.task_note)
         self._state_machine.change_ramp(law.velocity, law.solver.limits.acceleration, law.commanded_ns)
@@ -272,6 +271,7 @@ class Controller:
         restore(self, snapshot.cycle)
         self._frames.position = None if self._state is None else self._state.position
         restore(self._timer, snapshot.timer)
+        self._velocity_controller.set_rate(self._timer.expected_hz)
         restore(self._state_machine, snapshot.state_machine)
         restore(self._status, snapshot.status)
         restore(self._joint_states, snapshot.joint_states)
@@ -284,6 +284,7 @@ class Controller:
     # --- one control step --------------------------------------------------------------------------------------------
 
     def _on_state(self, state: JointState, now: Instant) -> Step | None:
+        self._velocity_controller.set_rate(self._timer.expected_hz)
         if self._state is not None:
             self._timer.add_interval((state.time_ns - self._state.time_ns) / NS)
         self._state = state
@@ -306,7 +307,7 @@ class Controller:
             if now.monotonic_ns < self._retry_ns:
                 return False
             self._following_error.reset()
-            self._velocity_controller.start(state.time_ns, now.monotonic_ns - self._timer.period_ns)
+            self._velocity_controller.start(state.time_ns, now.monotonic_ns - round(self._timer.period_s * NS))
             start_targets = self._targets.rest_at if self._keep_targets else self._targets.start
             start_targets(self.robot.pose(state.position), state.time_ns)
             self._keep_targets = False

@@ -6,6 +6,10 @@ states that wait DDS keeps the newest only, and those that it drops cannot be co
 joint states themselves are too slow.
 
 A time without any of these calls is a hold-up: the process did not run, or one call took that long.
+
+``rate_hz`` is the highest rate of control steps. A driver that is slower from its start on, as a controller_manager
+with its default of 100 Hz, is no fault: its rate is measured, and replaces ``rate_hz`` wherever a rate is expected. A
+driver that becomes slower later is a fault.
 """
 
 from __future__ import annotations
@@ -35,6 +39,14 @@ CLOCK_FRACTIONS = (0.7, 0.9)
 does."""
 SLOW_FRACTIONS = (0.7, 0.85)
 """Fractions of ``rate_hz``: below the first a machine that does not keep up is reported, above the second no more."""
+
+
+MEASURED_S = 0.5
+"""Time from the first joint state, and from the end of a silence, in which the rate of the driver is measured."""
+SAME_FRACTION = 0.15
+"""Rates that differ by less than this fraction are the same: counts vary, and drivers are not exact."""
+LEAST_HZ = 10.0
+"""Least value of ``rate_hz``, and of the rate that replaces it."""
 
 
 class EventRate(NamedTuple):
@@ -75,6 +87,10 @@ class TimerSnapshot(NamedTuple):
     hold_ups: int = 0
     hold_ups_ns: int = 0
     state_interval_s: float = 0.0
+    followed_hz: float = 0.0
+    measures: bool = True
+    measured_from_ns: int = 0
+    measured: int = 0
 
 
 class StepTimer:
@@ -82,11 +98,10 @@ class StepTimer:
 
     def __init__(self, rate_hz: float) -> None:
         """``rate_hz``: largest mean rate of the control steps."""
-        self.period_s = 1.0 / rate_hz
-        self.period_ns = round(self.period_s * NS)
-        self.interval_s = self.period_s
+        self._least_period_ns = round(NS / rate_hz)
+        self.interval_s = 1.0 / rate_hz
         """Running mean of the interval between control steps, s."""
-        self.state_interval_s = self.period_s
+        self.state_interval_s = self.interval_s
         """Time between the measurements of the last two joint states that made control steps, s."""
         self.too_slow = ""
         """Why the rate is too low to move; empty when it is high enough. Has hysteresis in rate and time."""
@@ -105,10 +120,22 @@ class StepTimer:
         self.hold_ups = 0
         """Number of hold-ups, see :data:`HOLD_UP_S`."""
         self._rate_hz = rate_hz
+        self._followed_hz = 0.0  # 0: rate_hz
+        self._measures, self._measured_from_ns, self._measured = True, 0, 0
         self._due_ns = 0
         self._due = EventRate(rate_hz)
         self._clock = EventRate(1.0 / CLOCK_PERIOD_S)
         self._slow_ns = self._stopped_ns = self._called_ns = self._hold_ups_ns = 0
+
+    @property
+    def expected_hz(self) -> float:
+        """``rate_hz``, or the rate of the driver when that is lower, from :data:`MEASURED_S` after its start on."""
+        return self._followed_hz or self._rate_hz
+
+    @property
+    def period_s(self) -> float:
+        """Expected time between control steps, s."""
+        return 1.0 / self.expected_hz
 
     def is_due(self, time_ns: int, now_ns: int) -> bool:
         """Counts a joint state and decides whether it makes a control step; keeps the mean rate below rate_hz.
@@ -121,13 +148,14 @@ class StepTimer:
             True when the joint state makes a control step. :attr:`too_slow` and :attr:`warning` are then up to date.
         """
         self.states += 1
-        period_ns = self.period_ns
+        period_ns = self._least_period_ns
         if time_ns < self._due_ns - period_ns // 4:
             return False
         self._due_ns = max(self._due_ns, time_ns - period_ns) + period_ns
-        if self._due.last_ns and now_ns - self._due.last_ns > LATE_PERIODS * period_ns:
+        if self._due.last_ns and now_ns - self._due.last_ns > LATE_PERIODS * NS / self.expected_hz:
             self.steps_late += 1
         self._due = self._due.after(now_ns)
+        self._follow(now_ns)
         self._evaluate(now_ns)
         return True
 
@@ -157,6 +185,7 @@ class StepTimer:
         """Leaves a silence of the joint states, which is reported as such, out of their rate. It ends now."""
         self._due = self._due._replace(last_ns=0)
         self._slow_ns = now_ns
+        self._measures, self._measured_from_ns = True, 0
 
     def skip_clock_calls(self) -> None:
         """Leaves a time without clock calls, before the node is active, out of their rate. It ends now."""
@@ -188,31 +217,58 @@ class StepTimer:
             "clock_calls": self.clock_calls,
             "hold_ups": self.hold_ups,
             "hold_ups_ms": self._hold_ups_ns * 1000 // NS,
+            "expected_hz": round(self.expected_hz),
         }
 
+    def _follow(self, now_ns: int) -> None:
+        """Measures the rate of the driver after its start; a higher rate later is followed up to ``rate_hz``."""
+        if not self._measures:
+            if self._due.hz > self.expected_hz / (1.0 - SAME_FRACTION):
+                self._set_expected(self._due.hz)
+        elif self._measured_from_ns == 0 or self._machine_is_late():
+            self._measured_from_ns, self._measured = now_ns, 0
+        else:
+            self._measured += 1
+            elapsed_s = (now_ns - self._measured_from_ns) / NS
+            if elapsed_s >= MEASURED_S:
+                self._measures = False
+                self._set_expected(self._measured / elapsed_s)
+
+    def _set_expected(self, hz: float) -> None:
+        is_slower = hz < (1.0 - SAME_FRACTION) * self._rate_hz
+        self._followed_hz = max(hz, LEAST_HZ) if is_slower else 0.0
+        if is_slower:
+            self._due = self._due._replace(hz=hz)
+
+    def _machine_is_late(self) -> bool:
+        return self._clock.hz * CLOCK_PERIOD_S < CLOCK_FRACTIONS[0]
+
     def _evaluate(self, now_ns: int) -> None:
-        hz, clock = self._due.hz, self._clock.hz * CLOCK_PERIOD_S
-        is_late, is_in_time = clock < CLOCK_FRACTIONS[0], clock > CLOCK_FRACTIONS[1]
+        hz, expected_hz = self._due.hz, self.expected_hz
+        is_late, is_in_time = self._machine_is_late(), self._clock.hz * CLOCK_PERIOD_S > CLOCK_FRACTIONS[1]
         if self.too_slow:
-            if hz < RESTART_FRACTION * self._rate_hz:
+            if hz < RESTART_FRACTION * expected_hz:
                 self._slow_ns = now_ns
             elif now_ns - self._slow_ns >= self.recovery_s * NS:
                 self.too_slow, self._stopped_ns = "", now_ns
-        elif hz < MIN_RATE_FRACTION * self._rate_hz:
+        elif hz < MIN_RATE_FRACTION * expected_hz:
             self._slow_ns = now_ns
             self.too_slow = self._reason(is_late, self.restart_delay_s(now_ns, RECOVERY_S))
         slow, fast = SLOW_FRACTIONS
-        if self.too_slow or is_in_time or hz > fast * self._rate_hz:
+        if self.too_slow or is_in_time or hz > fast * expected_hz:
             self.warning = ""
-        elif is_late and hz < slow * self._rate_hz and not self.warning:
-            self.warning = f"this machine makes fewer than {slow * self._rate_hz:.0f} control steps per second"
+        elif is_late and hz < slow * expected_hz and not self.warning:
+            self.warning = f"this machine makes fewer than {slow * expected_hz:.0f} control steps per second"
 
     def _reason(self, is_late: bool, delay_s: float) -> str:
-        least = f"{MIN_RATE_FRACTION * self._rate_hz:.0f}"
+        expected_hz = self.expected_hz
+        least, whole = f"{MIN_RATE_FRACTION * expected_hz:.0f}", "rate_hz"
+        if self._followed_hz:
+            whole = f"the {expected_hz:.0f} Hz at which they came"
         what = (
             f"this machine makes fewer than {least} control steps per second"
             if is_late
             else f"joint states arrive slower than {least} Hz"
         )
-        again = f"continues after {delay_s:g} s above {RESTART_FRACTION * self._rate_hz:.0f} Hz"
-        return f"{what}, {MIN_RATE_FRACTION:g} of rate_hz; {again}"
+        again = f"continues after {delay_s:g} s above {RESTART_FRACTION * expected_hz:.0f} Hz"
+        return f"{what}, {MIN_RATE_FRACTION:g} of {whole}; {again}"

@@ -81,6 +81,7 @@ class VelocityController:
             UnknownNameError: ``obstacles`` names a link that does not exist.
         """
         self._robot = robot
+        self._settings = settings
         self._control = settings.control
         self._task = TaskFeedback(robot, settings)
         self.task_note = task_note(robot, self._task.tolerance, proposes=True)
@@ -99,12 +100,18 @@ class VelocityController:
     def configure(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
         self.solver.configure(settings)
+        self._settings = settings
         self._control = settings.control
         if self._task.configure(settings):
             self.solver.reset()
             self._ik.configure(self._task.tolerance)
             self.task_note = task_note(self._robot, self._task.tolerance, proposes=False)
         self._smith_predictor.configure(settings.control)
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Sets the expected rate of control steps; limits hold for ``limits.hold_periods`` of its periods."""
+        if rate_hz != self._control.rate_hz:
+            self.configure(self._settings.with_values({"rate_hz": rate_hz}))
 
     def capture(self) -> VelocityControllerSnapshot:
         """Snapshot for :meth:`restore`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ik_node.control.step_timer import MIN_RATE_FRACTION
+from ik_node.control.step_timer import MIN_RATE_FRACTION, SAME_FRACTION
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 
@@ -14,8 +14,6 @@ RATES = ("joint_states", "steps", "clock_calls")
 
 IN_TIME_HZ = 0.9 / CLOCK_PERIOD_S
 """From this rate of clock calls on the machine keeps up; otherwise DDS may have dropped joint states."""
-SAME_FRACTION = 0.15
-"""Rates that differ by less than this fraction are the same: the counts of a second vary."""
 STEADY_CALLS = 3
 """Consecutive calls that must find the same rate before it is reported."""
 
@@ -67,8 +65,13 @@ class StepRates:
         self._reported_hz = 0.0 if _same(hz, rate_hz) else hz
         if not self._reported_hz:
             return ""
-        slower, faster = f"the arm stops below {MIN_RATE_FRACTION:g} of it", "not every one makes a control step"
-        effect = faster if hz > rate_hz else slower
+        effect = "not every one makes a control step"
+        if hz < rate_hz:
+            expected_hz = float(rates.get("expected_hz", rate_hz))
+            follows = _same(hz, expected_hz)
+            effect = (
+                "control follows them" if follows else f"the arm stops below {MIN_RATE_FRACTION:g} of {expected_hz:g}"
+            )
         return f"joint states arrive at {hz:.0f} Hz, rate_hz is {rate_hz:g}: {effect}"
 
 

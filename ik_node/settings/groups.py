@@ -64,7 +64,7 @@ class ControlSettings(Group):
 
     rate_hz: float = setting(
         500.0,
-        "Highest rate of control steps; each joint state triggers one step.",
+        "Highest rate of control steps; each joint state triggers one, and slower ones are followed.",
         "Hz",
         10.0,
         2000.0,

@@ -7,7 +7,8 @@ import pytest
 from ik_node.interfaces.clock import NS
 from ik_node.ros.step_rates import StepRates
 
-SLOW = "joint states arrive at 125 Hz, rate_hz is 500: the arm stops below 0.3 of it"
+SLOW = "joint states arrive at 125 Hz, rate_hz is 500: control follows them"
+SLOWER = "joint states arrive at 125 Hz, rate_hz is 500: the arm stops below 0.3 of 500"
 FAST = "joint states arrive at 1000 Hz, rate_hz is 500: not every one makes a control step"
 
 
@@ -19,8 +20,9 @@ class Seconds:
         self.counts = {"joint_states": 0, "steps": 0, "clock_calls": 0}
         self.time_ns = NS
 
-    def texts(self, number: int, joint_states: int, clock_calls: int = 100) -> list[str]:
+    def texts(self, number: int, joint_states: int, clock_calls: int = 100, expected_hz: int = 125) -> list[str]:
         """What is reported in ``number`` seconds."""
+        self.counts["expected_hz"] = expected_hz
         found = []
         for _ in range(number):
             self.time_ns += NS
@@ -36,6 +38,10 @@ def test_another_rate_is_reported_once(hz: int, text: str) -> None:
     assert seconds.texts(20, hz) == [text]
     assert seconds.texts(5, 500) == []
     assert seconds.texts(20, hz) == [text]
+
+
+def test_a_driver_that_became_slower_is_told_when_the_arm_stops() -> None:
+    assert Seconds().texts(20, 125, expected_hz=500) == [SLOWER]
 
 
 def test_the_same_rate_is_not_reported() -> None:

@@ -154,16 +154,17 @@ def _limits(robot: Robot) -> Iterator[str]:
 
 
 def _task(robot: Robot) -> Iterator[str]:
-    """For an arm that cannot follow whole poses: the part that it can follow, as a comment."""
+    """For an arm that cannot follow whole poses: the part of them that it can follow."""
     rank = task_rank(robot, TaskTolerance())
     if rank.followed:
         return
     yield f"# {rank.text(TaskTolerance())}."
     if rank.proposal is not None:
         widths = ", ".join(".inf" if free else _number(width) for width, free in _widths(rank.proposal))
-        yield "# task:"
-        yield f"#   tolerance: [{widths}]"
-        yield f"#   frame: {rank.proposal.frame}"
+        yield "# Chosen: that. Without these lines whole poses are followed with the least deviation."
+        yield "task:"
+        yield f"  tolerance: [{widths}]"
+        yield f"  frame: {rank.proposal.frame}"
 
 
 def _widths(tolerance: TaskTolerance) -> Iterator[tuple[float, bool]]:

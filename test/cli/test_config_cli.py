@@ -9,10 +9,13 @@ import pytest
 from support import PROJECT
 
 from ik_node.cli.config import main
+from ik_node.math.task_tolerance import COMPONENTS, TaskTolerance
 from ik_node.robot import catalogue
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.simulator_parameters import SIMULATOR, arm_settings, checked_values, start_position
+from ik_node.robot.task_rank import task_rank
+from ik_node.settings.groups import Settings
 from ik_node.settings.parameter_file import read_sections, read_settings, values_of
 
 OWN = PROJECT / "test" / "lift_arm.urdf"
@@ -78,17 +81,61 @@ def test_limits_that_cannot_be_meant_are_assumed_and_said(tmp_path: Path, capsys
     assert "spin: none in the URDF" in text
 
 
+@pytest.mark.parametrize("name", ["so101", "so100"])
 def test_an_arm_with_five_joints_gets_the_task_that_it_can_follow(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arm = catalogue.find("so101")
+    arm = catalogue.find(name)
     path, text = written(catalogue.robots_folder() / arm.urdf, tmp_path, capsys)
-    assert read_settings(path).arm.joints == (
-        "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll",
-    )  # fmt: skip
-    assert "tip_frame: gripper_frame_link" in text
-    assert "#   tolerance: [0.0, 0.0, 0.0, 0.0, 0.0, .inf]" in text
-    assert "#   frame: base" in text
+    settings = read_settings(path)
+    assert len(settings.arm.joints) == 5
+    assert settings.task.tolerance == (0.0, 0.0, 0.0, 0.0, 0.0, np.inf)
+    assert settings.task.frame == "base"
+    assert "rz in the frame base cannot be followed beside the others" in text
+    assert followed(settings)
+
+
+def followed(settings: Settings) -> bool:
+    """Whether the arm can follow all exact components of its task."""
+    tolerance = TaskTolerance(settings.task.tolerance, settings.task.frame)
+    return task_rank(robot_from_settings(settings.arm), tolerance).followed
+
+
+def serial_urdf(*joints: str) -> str:
+    """An arm of 0.2 m links along x; each joint is a type and an axis, ``revolute 0 0 1``."""
+    text = '<robot name="small"><link name="link0"/>'
+    for number, joint in enumerate((*joints, "fixed 1 0 0"), 1):
+        kind, _, axis = joint.partition(" ")
+        text += (
+            f'<link name="link{number}"><inertial><mass value="0.5"/><origin xyz="0.1 0 0"/>'
+            '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint{number}" type="{kind}"><parent link="link{number - 1}"/><child link="link{number}"/>'
+            f'<origin xyz="{0.2 if number > 1 else 0.0} 0 0"/><axis xyz="{axis}"/>'
+            '<limit lower="-2.5" upper="2.5" velocity="1" effort="10"/></joint>'
+        )
+    return text + "</robot>"
+
+
+@pytest.mark.parametrize(
+    ("joints", "exact"),
+    [
+        (("revolute 0 0 1", "revolute 0 0 1", "revolute 0 0 1"), {"x", "y", "rz"}),
+        (("revolute 0 0 1", "revolute 0 1 0", "revolute 0 1 0"), {"x", "y", "z"}),
+        (("revolute 0 0 1", "revolute 0 0 1", "revolute 0 0 1", "prismatic 0 0 1"), {"x", "y", "z", "rz"}),
+        (("revolute 0 0 1", "revolute 0 1 0", "revolute 0 1 0", "revolute 0 1 0"), {"x", "y", "z", "ry"}),
+    ],
+    ids=["planar 3R", "3R in space", "SCARA", "4R with a pitch"],
+)
+def test_arms_of_three_and_four_joints_get_a_task(
+    joints: tuple[str, ...], exact: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = tmp_path / "small.urdf"
+    urdf.write_text(serial_urdf(*joints))
+    path, text = written(urdf, tmp_path, capsys)
+    settings = read_settings(path)
+    assert {name for name, width in zip(COMPONENTS, settings.task.tolerance, strict=True) if width == 0.0} == exact
+    assert f"the arm can follow {len(joints)} of 6 exact components in general" in text
+    assert followed(settings)
 
 
 def test_frames_can_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,11 +1,13 @@
-"""Records the demonstration and draws the pictures of the README: ``python docs/make_pictures.py [FOLDER]``.
+"""Draws the pictures of README and docs: ``python docs/make_pictures.py [FOLDER] [--only ...]``.
 
-Writes ``view.webp``, the viewer while it plays the run, and ``report.png`` beside this file. Needs Chromium. With a
-folder, an earlier output of ``ik_demo`` is drawn instead of a new one.
+- demonstration: records ``ik_demo``; ``view.webp``, the viewer while it plays the run, and ``report.png`` beside this
+  file. Needs Chromium. With a folder, an earlier output of ``ik_demo`` is drawn instead of a new one.
+- methods, tasks: simulates the motions of docs/methods and docs/task.md and draws a picture of each.
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 import tempfile
@@ -16,10 +18,11 @@ import numpy as np
 from PIL import Image
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "test"))
+sys.path[:0] = [str(HERE.parent / "test"), str(HERE)]
 
-# These imports need the path of the tests, which is set above.
+# These imports need the paths that are set above.
 from browser import Browser  # noqa: E402
+from figures import draw_methods, draw_tasks  # noqa: E402
 
 from ik_node.cli import demo  # noqa: E402
 from ik_node.recording.run_reader import load_run  # noqa: E402
@@ -65,16 +68,29 @@ def draw_viewer(bag: Path, to: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def main() -> int:
-    """Draws both pictures."""
-    if len(sys.argv) > 1:
-        folder = Path(sys.argv[1])
-    else:
-        folder = Path(tempfile.mkdtemp()) / "demo"
-        if code := demo.main(["--out", str(folder)]):
-            return code
+def draw_demonstration(folder: Path) -> None:
+    """Draws report and viewer of an output of ``ik_demo``."""
     shutil.copyfile(folder / "report.png", HERE / "report.png")
     draw_viewer(folder / "bag", HERE / "view.webp")
+
+
+def main() -> int:
+    """Draws the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, help="earlier output of ik_demo [a new one]")
+    parser.add_argument("--only", choices=("demonstration", "methods", "tasks"), help="draw these only")
+    options = parser.parse_args()
+    if options.only in (None, "methods"):
+        draw_methods(HERE / "methods")
+    if options.only in (None, "tasks"):
+        draw_tasks(HERE / "tasks")
+    if options.only in (None, "demonstration"):
+        folder = options.folder
+        if folder is None:
+            folder = Path(tempfile.mkdtemp()) / "demo"
+            if code := demo.main(["--headless", "--out", str(folder)]):
+                return code
+        draw_demonstration(folder)
     return 0
 
 

@@ -140,7 +140,7 @@ def draw_twist_account(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     unit = quantities.OFF_DIRECTION_LINEAR.unit
     accounts = [_account(reported) for reported in reported_runs]
     if len(reported_runs) == 1:
-        axes.set_title(f"Parts of the twist that are not done, linear [{unit}]")
+        axes.set_title(f"Twist not done, linear [{unit}]")
         parts = [
             ("held back along V", accounts[0].held_back, GREY),
             ("truncated", accounts[0].truncated, BLUE),
@@ -148,7 +148,7 @@ def draw_twist_account(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         ]
         curves = [(reported_runs[0], part, colour, label) for label, part, colour in parts]
     else:
-        axes.set_title(f"Part of the twist that is not done, |V - J qd| linear [{unit}]")
+        axes.set_title(f"Twist not done, |V - J qd|, linear [{unit}]")
         pairs = zip(reported_runs, accounts, strict=True)
         curves = [(reported, account.missing, reported.colour, "") for reported, account in pairs]
     norms = [quantities.OFF_DIRECTION_LINEAR.scaled(np.linalg.norm(part[:, :3], axis=1)) for _, part, _, _ in curves]

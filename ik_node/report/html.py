@@ -45,6 +45,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 2px 18px 2px 0; vertical-align: top; border-bottom: 1px solid #eee; }
 td.number, th.number { text-align: right; white-space: nowrap; } tr.differs td { background: #fff6e0; }
 td.long { overflow-wrap: anywhere; max-width: 560px; }
+.states td:last-child { min-width: 240px; }
 .box { overflow: auto; max-height: 560px; border: 1px solid #e6e8ea; padding: 0 8px; }
 .conditions { position: relative; height: 10px; margin: -4px 0 8px; background: #eef0f2; }
 .conditions div { position: absolute; top: 0; height: 100%; }

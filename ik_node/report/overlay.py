@@ -19,12 +19,12 @@ from ik_node.report.verdict import verdict
 VERDICT_CHARACTERS = 72
 LINE_PART = 0.036
 """Height of a line of a verdict, relative to the text."""
-COLUMN = 16
+COLUMN = 18
 """Maximum width of the metrics of one recording, in characters."""
 
 
-def _write_verdicts(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
-    """The verdict of every recording in its colour."""
+def _write_verdicts(axes: Any, reported_runs: Sequence[ReportedRun]) -> float:
+    """The verdict of every recording in its colour; returns the height of the end of the text."""
     y = 0.97
     for reported in reported_runs:
         lines = textwrap.wrap(
@@ -32,6 +32,7 @@ def _write_verdicts(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         )[:3]
         axes.text(0.0, y, "\n".join(lines), color=reported.colour, fontsize=9.5, fontweight="bold", va="top")
         y -= LINE_PART * (len(lines) + 0.4)
+    return y
 
 
 def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
@@ -49,10 +50,10 @@ def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
         draw_obstacles(axes, reported_runs[0].run)
     table = figure.add_subplot(left[1])
     table.axis("off")
-    _write_verdicts(table, reported_runs)
+    end = _write_verdicts(table, reported_runs)
     size = 7.6 if len(reported_runs) <= 2 else 6.4
     text = as_table(reported_runs, COLUMN, MAIN_LABELS)
-    table.text(0.0, 0.62, text, family="monospace", fontsize=size, va="top", linespacing=1.4)
+    table.text(0.0, end - LINE_PART, text, family="monospace", fontsize=size, va="top", linespacing=1.4)
     bars = 0.22 + 0.16 * len(reported_runs)
     rows = halves[1].subgridspec(6, 1, height_ratios=(1.0, 1.0, 0.8, 0.6, 0.8, bars), hspace=0.34)
     column = [figure.add_subplot(rows[index]) for index in range(6)]

@@ -43,18 +43,17 @@ def draw_path(figure: Any, axes: Any, reported: ReportedRun) -> None:
     axes.add_collection3d(coloured)
     axes.plot([], [], color=BLUE, linewidth=2.0, label="tool, coloured by error")
     axes.scatter(*measured[0], color=VERMILION, s=22, depthshade=False, label="start")
-    obstacles = _static_obstacles(reported.run)
+    obstacles = _near(_static_obstacles(reported.run), np.concatenate((desired, *arm)))
     _draw_obstacles(axes, obstacles)
-    points = np.concatenate((desired, measured, *arm, *_corners(obstacles, np.concatenate((desired, *arm)))))
-    _set_equal_axes(axes, points, 0.03)
+    _set_equal_axes(axes, np.concatenate((desired, measured, *arm, *map(_box, obstacles))), 0.03)
     bar = figure.colorbar(
-        coloured, ax=axes, orientation="horizontal", shrink=0.5, pad=0.1, aspect=28, anchor=(0.5, 1.0)
+        coloured, ax=axes, orientation="horizontal", shrink=0.5, pad=0.16, aspect=28, anchor=(0.5, 1.0)
     )
     bar.set_label("position error, tool to trajectory [mm]", fontsize=8)
     bar.ax.tick_params(labelsize=7.5)
     bar.ax.locator_params(nbins=5)
     bar.outline.set_visible(False)
-    axes.legend(loc="upper left", frameon=False, fontsize=8, bbox_to_anchor=(-0.03, 1.04))
+    axes.legend(loc="upper left", frameon=False, fontsize=8, bbox_to_anchor=(-0.4, 1.08))
 
 
 def _draw_arm(axes: Any, reported: ReportedRun) -> list[Array]:
@@ -143,10 +142,10 @@ def _set_equal_axes(axes: Any, points: Array, margin: float) -> None:
 
 def draw_obstacles(axes: Any, run: Run) -> None:
     """Draws the static obstacles of the run's scene file, as far as they are near the drawn path."""
-    obstacles = _static_obstacles(run)
-    _draw_obstacles(axes, obstacles)
     limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
-    _set_equal_axes(axes, np.concatenate((limits, *_corners(obstacles, limits))), 0.0)
+    obstacles = _near(_static_obstacles(run), limits)
+    _draw_obstacles(axes, obstacles)
+    _set_equal_axes(axes, np.concatenate((limits, *map(_box, obstacles))), 0.0)
 
 
 def _static_obstacles(run: Run) -> tuple[Obstacle, ...]:
@@ -160,16 +159,23 @@ def _static_obstacles(run: Run) -> tuple[Obstacle, ...]:
         return ()
 
 
-def _corners(obstacles: Sequence[Obstacle], near: Array) -> list[Array]:
-    """Ends of the obstacles that are not farther from the points ``near`` than these extend, (2, 3) each."""
-    size = float(np.ptp(near, axis=0).max())
+def _near(obstacles: Sequence[Obstacle], points: Array) -> tuple[Obstacle, ...]:
+    """The obstacles that are not farther from the box of the points (m, 3) than that extends: the others are not drawn,
+    because a plot that contains them shows nothing else."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max())
     found = []
     for entry in obstacles:
-        surface = _surface(entry).reshape(3, -1)
-        box = np.stack((surface.min(axis=1), surface.max(axis=1)))
-        if np.linalg.norm(near - entry.pose_s[:3, 3], axis=1).min() < size and np.ptp(box, axis=0).max() < 2.0 * size:
-            found.append(box)
-    return found
+        beyond = np.maximum(np.maximum(low - entry.pose_s[:3, 3], entry.pose_s[:3, 3] - high), 0.0)
+        if np.linalg.norm(beyond) < size and np.ptp(_box(entry), axis=0).max() < 2.0 * size:
+            found.append(entry)
+    return tuple(found)
+
+
+def _box(entry: Obstacle) -> Array:
+    """Least and greatest coordinates of an obstacle, (2, 3), m."""
+    surface = _surface(entry).reshape(3, -1)
+    return np.stack((surface.min(axis=1), surface.max(axis=1)))
 
 
 def _draw_obstacles(axes: Any, obstacles: Sequence[Obstacle]) -> None:

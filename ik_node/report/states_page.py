@@ -15,6 +15,8 @@ from ik_node.report.style import decimate, page_heading, placeholder, run_legend
 from ik_node.report.timeline import draw_mode_bars, draw_numbers, number_of_reason_lines, write_reasons
 
 BINS = 80
+HEADROOM = 1.08
+"""End of an axis from 0, relative to the largest value: a constant line is not on the border."""
 MIN_BIN_WIDTH_MS = 0.02
 REASON_LINES = 36
 PLOTS_IN = (2.1, 1.7, 1.5)
@@ -72,6 +74,12 @@ def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
     return figure
 
 
+def _empty(axes: Any, text: str) -> None:
+    """A text instead of a plot, without ticks: these axes share none."""
+    placeholder(axes, text)
+    axes.set_xticks([])
+
+
 def _non_empty(span: tuple[float, float]) -> tuple[float, float]:
     return span if span[1] > span[0] else (span[0], span[0] + 1.0)
 
@@ -82,7 +90,7 @@ def _histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     periods = [1e3 * np.diff(reported.run.times_s) for reported in reported_runs]
     together = np.concatenate(periods)
     if not len(together):
-        placeholder(axes, "fewer than two control steps")
+        _empty(axes, "fewer than two control steps")
         return
     low, high = float(together.min()), float(together.max())
     width = max((high - low) / BINS, MIN_BIN_WIDTH_MS)
@@ -103,7 +111,7 @@ def _computing_histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> Non
     known = [(reported, _computing_ms(reported)) for reported in reported_runs]
     known = [(reported, values[np.isfinite(values)]) for reported, values in known if np.isfinite(values).any()]
     if not known:
-        placeholder(axes, "not recorded")
+        _empty(axes, "not recorded")
         return
     edges = np.linspace(0.0, max(float(values.max()) for _, values in known), BINS + 1)
     for reported, values in known:
@@ -117,7 +125,7 @@ def _computing(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Computing time [ms] over time")
     known = [reported for reported in reported_runs if np.isfinite(reported.run.computing_s).any()]
     if not known:
-        placeholder(axes, "not recorded")
+        _empty(axes, "not recorded")
         return
     for reported in known:
         axes.plot(*decimate(reported.times_s, _computing_ms(reported)), color=reported.colour, linewidth=0.8)
@@ -137,7 +145,7 @@ def _periods(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
         if len(reported.run.times_s) > 1:
             values = decimate(reported.times_s[1:], 1e3 * np.diff(reported.run.times_s))
             axes.plot(*values, color=reported.colour, linewidth=0.8)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, HEADROOM * axes.dataLim.y1 if np.isfinite(axes.dataLim.y1) else None)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))
 
@@ -146,7 +154,7 @@ def _target_age(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Age of the newest target at each control step [ms]")
     ages = [1e3 * target_age_s(reported.run) for reported in reported_runs]
     if not any(np.isfinite(age).any() for age in ages):
-        placeholder(axes, "no stream of target poses")
+        _empty(axes, "no stream of target poses")
         return
     for reported, age in zip(reported_runs, ages, strict=True):
         axes.plot(*decimate(reported.times_s, age), color=reported.colour, linewidth=0.8)
@@ -160,7 +168,7 @@ def _hold_ups(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Hold-ups: times in which the node made no call [ms]")
     found = [hold_ups(reported.run) for reported in reported_runs]
     if not any(len(entry.end_s) for entry in found):
-        placeholder(axes, "none")
+        _empty(axes, "none")
         return
     for reported, entry in zip(reported_runs, found, strict=True):
         axes.vlines(entry.end_s - reported.zero_s, 0.0, 1e3 * entry.duration_s, color=reported.colour, linewidth=1.0)

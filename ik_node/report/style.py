@@ -91,7 +91,7 @@ def legend_above(axes: Any, columns: int = 3) -> None:
         frameon=False,
         fontsize=8,
         handlelength=1.4,
-        columnspacing=1.2,
+        columnspacing=0.9,
     )
 
 

@@ -58,7 +58,7 @@ def draw_summary(reported: ReportedRun) -> Any:
     figure = new_figure(HEIGHT_IN)
     _draw_verdict(figure, metrics)
     outer = figure.add_gridspec(
-        1, 2, width_ratios=(0.86, 1.0), left=0.03, right=0.93, top=0.865, bottom=0.05, wspace=0.14
+        1, 2, width_ratios=(0.86, 1.0), left=0.03, right=0.91, top=0.865, bottom=0.05, wspace=0.14
     )
     lines = metric_lines(metrics)
     text_in = LINE_IN * (1.0 + len(lines))

@@ -12,7 +12,7 @@ from ik_node.report.quantities import NOT_AVAILABLE, DisplayedQuantity
 from ik_node.report.reported_run import ReportedRun, methods_of
 from ik_node.report.tracking import TrackingMetrics
 
-MAX_WIDTH = 22
+MAX_WIDTH = 30
 """Of a column of values, in characters."""
 
 

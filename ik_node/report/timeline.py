@@ -117,7 +117,7 @@ def draw_numbers(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     for row, reported in enumerate(reported_runs):
         last = -float("inf")
         for interval in state_intervals(reported):
-            if interval.begin_s - last < MIN_NUMBER_GAP * (high - low):
+            if min(interval.begin_s - last, high - interval.begin_s) < MIN_NUMBER_GAP * (high - low):
                 continue
             last = interval.begin_s
             text_colour = TEXT_COLOUR if interval.mode in DARK_TEXT else "white"

@@ -47,7 +47,7 @@ def null_space_motion(run: Run, robot: Robot) -> tuple[NullSpaceMetrics, NullSpa
         run: The recorded run.
         robot: Its robot.
     """
-    known = np.isfinite(run.q).all(axis=1) & np.isfinite(run.joint_velocity).all(axis=1)
+    known = np.asarray(np.isfinite(run.q).all(axis=1) & np.isfinite(run.joint_velocity).all(axis=1))
     speed = np.full(len(known), np.nan)
     for tolerance, active in _tolerances(run):
         has_rows = tolerance.is_exact | np.isfinite(run.pose_sd).all(axis=(1, 2))
@@ -84,8 +84,8 @@ def _followed_rows(run: Run, robot: Robot, tolerance: TaskTolerance, row: int) -
     jacobian_b = robot.evaluate(run.q[row]).jacobian_b
     if tolerance.is_exact:
         return jacobian_b
-    poses = (np.ascontiguousarray(pose[row]) for pose in (run.pose_sb, run.pose_sd))
-    return np.asarray(task_deviation(tolerance.form, *poses).rows_b[tolerance.exact] @ jacobian_b)
+    pose_sb, pose_sd = (np.ascontiguousarray(pose[row]) for pose in (run.pose_sb, run.pose_sd))
+    return np.asarray(task_deviation(tolerance.form, pose_sb, pose_sd).rows_b[tolerance.exact] @ jacobian_b)
 
 
 def _tolerances(run: Run) -> list[tuple[TaskTolerance, NDArray[np.bool_]]]:

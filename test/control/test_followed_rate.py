@@ -56,7 +56,7 @@ def acceleration_used(loop: Loop) -> Array:
     velocity = np.array([step.joint_velocity for step in loop.steps])
     times = np.array([step.now.monotonic_ns for step in loop.steps]) / NS
     limit = np.array(loop.settings.limits.acceleration)
-    return np.abs(np.diff(velocity, axis=0) / np.diff(times)[:, None]) / limit
+    return np.asarray(np.abs(np.diff(velocity, axis=0) / np.diff(times)[:, None]) / limit)
 
 
 @pytest.mark.parametrize("driver_hz", [30.0, 100.0, 125.0, 150.0, 333.0, 500.0])

@@ -6,16 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ik_node.math.task_error import task_deviation
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
-from ik_node.report.clearances import settings_of
+from ik_node.report.run_tasks import run_tasks
 from ik_node.robot.robot import Robot
 
-TASK_PARAMETERS = ("task.tolerance", "task.frame")
 RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest are zero: their directions belong to the null space."""
 
@@ -49,7 +47,7 @@ def null_space_motion(run: Run, robot: Robot) -> tuple[NullSpaceMetrics, NullSpa
     """
     known = np.asarray(np.isfinite(run.q).all(axis=1) & np.isfinite(run.joint_velocity).all(axis=1))
     speed = np.full(len(known), np.nan)
-    for tolerance, active in _tolerances(run):
+    for tolerance, active in run_tasks(run):
         has_rows = tolerance.is_exact | np.isfinite(run.pose_sd).all(axis=(1, 2))
         rows = np.flatnonzero(known & active & has_rows)
         if len(rows):
@@ -86,17 +84,3 @@ def _followed_rows(run: Run, robot: Robot, tolerance: TaskTolerance, row: int) -
         return jacobian_b
     pose_sb, pose_sd = (np.ascontiguousarray(pose[row]) for pose in (run.pose_sb, run.pose_sd))
     return np.asarray(task_deviation(tolerance.form, pose_sb, pose_sd).rows_b[tolerance.exact] @ jacobian_b)
-
-
-def _tolerances(run: Run) -> list[tuple[TaskTolerance, NDArray[np.bool_]]]:
-    """The tolerances of the run, and the control steps (k,) that each applies to."""
-    settings = settings_of(run)
-    found = [(-math.inf, settings.task)]
-    for time_s, changed in run.setting_changes:
-        settings = settings.with_values({name: value for name, value in changed.items() if name in TASK_PARAMETERS})
-        found.append((time_s, settings.task))
-    ends = [*(time_s for time_s, _ in found[1:]), math.inf]
-    return [
-        (TaskTolerance(task.tolerance, task.frame), np.asarray((run.times_s > begin) & (run.times_s <= end)))
-        for (begin, task), end in zip(found, ends, strict=True)
-    ]

@@ -162,6 +162,11 @@ _METRICS: tuple[_Metric, ...] = (
         lambda reported: f"after {t.settle_s:g} s" if (t := reported.metrics.tracking) else NOT_AVAILABLE,
         "The errors above leave out the approach to the trajectory.",
     ),
+    _Metric(
+        "task",
+        lambda reported: t.task if (t := reported.metrics.tracking) and t.task else NOT_AVAILABLE,
+        "Errors count beyond this tolerance.",
+    ),
     _tracking(
         "lag of the position [ms]",
         1,

@@ -95,7 +95,8 @@ def title(metrics: RunMetrics) -> str:
 def what_was_done(metrics: RunMetrics) -> str:
     """Robot, trajectory, method, date, and whether the arm was simulated, where that was recorded."""
     arm = "simulated arm" if metrics.simulated else ""
-    return ", ".join(text for text in (title(metrics), metrics.recorded_utc, arm) if text)
+    task = metrics.tracking.task if metrics.tracking is not None else ""
+    return ", ".join(text for text in (title(metrics), task, metrics.recorded_utc, arm) if text)
 
 
 def as_json(metrics: RunMetrics) -> str:

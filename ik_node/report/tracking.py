@@ -1,13 +1,14 @@
 """Tracking errors of the tool against the ground truth at the same time, their two parts, and the lag.
 
 The error *tool to trajectory* has two parts: *reference to trajectory*, what targets and smoothing did, and *tool to
-reference*, what the control law and the limits did. The reference is the desired pose T_sd of the control steps.
+reference*, what the control law and the limits did. The reference is the desired pose T_sd of the control steps. With
+``task.tolerance`` an error is what exceeds the tolerance.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.ground_truth import GroundTruth, Poses, rotation_angle
+from ik_node.report.run_tasks import RunTask, excess, run_tasks, task_text
 from ik_node.robot.robot import Robot
 
 LAG_RANGE_S = (-0.2, 0.6)
@@ -44,6 +46,8 @@ class TrackingMetrics(NamedTuple):
 
     against: str
     """Name of the ground truth."""
+    task: str
+    """Tolerance that the errors count beyond; empty for whole poses."""
     settle_s: float
     settled: TrackingErrors
     """From ``settle_s`` after the start of the ground truth to its end."""
@@ -54,7 +58,8 @@ class TrackingMetrics(NamedTuple):
     tool_to_reference: TrackingErrors
     """Part of the settled error: the measured tool pose against T_sd."""
     lag_position_ms: float
-    """Delay of the ground truth that minimises the RMS position error; NaN when the ground truth is at rest."""
+    """Delay of the ground truth that minimises the RMS position error; NaN when the ground truth is at rest, and with a
+    tolerance."""
     lag_rotation_ms: float
     position_rms_without_lag_mm: float
     orientation_rms_without_lag_mrad: float
@@ -119,10 +124,22 @@ def _poses(matrices: Iterable[Array]) -> Poses:
     return Poses(np.array(position).reshape(-1, 3), np.array(quaternion).reshape(-1, 4))
 
 
-def _distances(first: Poses, second: Poses) -> ErrorSeries:
-    return ErrorSeries(
-        np.linalg.norm(first.position - second.position, axis=1), rotation_angle(first.quaternion, second.quaternion)
-    )
+def _distances(tool: Poses, target: Poses, tasks: Sequence[RunTask]) -> ErrorSeries:
+    """Errors of m poses; ``tasks``: the tolerance of each row."""
+    position = np.linalg.norm(tool.position - target.position, axis=1)
+    orientation = rotation_angle(tool.quaternion, target.quaternion)
+    for tolerance, rows in tasks:
+        if not tolerance.is_exact:
+            for row in np.flatnonzero(rows & np.isfinite(position)).tolist():
+                position[row], orientation[row] = excess(tolerance, _matrix(tool, row), _matrix(target, row))
+    return ErrorSeries(position, orientation)
+
+
+def _matrix(poses: Poses, row: int) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = se3.rotation_from_quaternion(poses.quaternion[row])
+    pose[:3, 3] = poses.position[row]
+    return pose
 
 
 def tool_to_reference(run: Run) -> TrackingErrors:
@@ -136,23 +153,30 @@ def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetr
     rows = _measured_rows(run)
     measured, ros_ns, times = _tool_poses(run, rows), run.state_ros_ns[rows], run.state_times_s[rows]
     desired, reference = truth.at(ros_ns), _poses(run.pose_sd[rows])
+    tasks = [task._replace(rows=task.rows[rows]) for task in run_tasks(run)]
     series = TrackingSeries(
         times,
         measured,
         desired,
-        tool_to_trajectory=_distances(measured, desired),
-        reference_to_trajectory=_distances(reference, desired),
-        tool_to_reference=_distances(measured, reference),
+        tool_to_trajectory=_distances(measured, desired, tasks),
+        reference_to_trajectory=_distances(reference, desired, tasks),
+        tool_to_reference=_distances(measured, reference, tasks),
         inside=(ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]),
         settled=(ros_ns - truth.ros_ns[0] >= settle_s * NS) & (ros_ns <= truth.ros_ns[-1]),
     )
     settled = series.settled
-    lag_position, lag_rotation = _lags(measured, ros_ns, truth, np.flatnonzero(settled))
-    delayed = [truth.at(ros_ns[settled], 0.0 if math.isnan(lag) else lag) for lag in (lag_position, lag_rotation)]
-    remaining_position = np.linalg.norm(measured.position[settled] - delayed[0].position, axis=1)
-    remaining_rotation = rotation_angle(measured.quaternion[settled], delayed[1].quaternion)
+    lag_position = lag_rotation = math.nan
+    remaining = ErrorSeries(series.tool_to_trajectory.position[settled], series.tool_to_trajectory.orientation[settled])
+    if not task_text(tasks):
+        lag_position, lag_rotation = _lags(measured, ros_ns, truth, np.flatnonzero(settled))
+        delayed = [truth.at(ros_ns[settled], 0.0 if math.isnan(lag) else lag) for lag in (lag_position, lag_rotation)]
+        remaining = ErrorSeries(
+            np.linalg.norm(measured.position[settled] - delayed[0].position, axis=1),
+            rotation_angle(measured.quaternion[settled], delayed[1].quaternion),
+        )
     tracking = TrackingMetrics(
         against=truth.source,
+        task=task_text(tasks),
         settle_s=settle_s,
         settled=_errors(series.tool_to_trajectory, settled),
         overall=_errors(series.tool_to_trajectory, series.inside),
@@ -160,8 +184,8 @@ def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetr
         tool_to_reference=_errors(series.tool_to_reference, settled),
         lag_position_ms=1e3 * lag_position,
         lag_rotation_ms=1e3 * lag_rotation,
-        position_rms_without_lag_mm=1e3 * _rms(remaining_position),
-        orientation_rms_without_lag_mrad=1e3 * _rms(remaining_rotation),
+        position_rms_without_lag_mm=1e3 * _rms(remaining.position),
+        orientation_rms_without_lag_mrad=1e3 * _rms(remaining.orientation),
     )
     return tracking, series
 

@@ -264,6 +264,7 @@ def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> list
 def _report(bags: Sequence[Path], recorded: Path | None, to: Path, shows_table: bool) -> None:
     """Report on recorded runs, against the trajectory beside the recording that they were simulated from."""
     from ik_node.report.atomic_write import write_report
+    from ik_node.report.quantities import UNWEIGHTED
     from ik_node.report.reported_run import read_reported_runs, truth_beside
     from ik_node.report.table import METHOD_LABELS, as_table
 
@@ -271,6 +272,8 @@ def _report(bags: Sequence[Path], recorded: Path | None, to: Path, shows_table: 
     write_report(reported_runs, to)
     if shows_table:
         print("\n" + as_table(reported_runs, labels=METHOD_LABELS))
+        if any(reported.metrics.method == UNWEIGHTED for reported in reported_runs):
+            print(f"λ task of {UNWEIGHTED} has no unit, because its weight is the identity; the others are momenta")
     print(to, file=sys.stderr)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ik_node.collision.monitor import CollisionMonitor
-from ik_node.control.start_posture import choose_start_posture
+from ik_node.control.start_posture import StartPosture, choose_start_posture
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.robot.catalogue import read_file
 from ik_node.robot.robot import Robot
@@ -24,6 +24,11 @@ ACCELERATION_TIME_S = 0.2
 """Time in which a joint is assumed to reach its velocity limit; UR5, Panda and xArm 7 need 0.1 to 0.3 s."""
 MAX_ACCELERATION = 10.0
 """Largest acceleration that is assumed, rad/s2 (m/s2)."""
+REGULATED_FRACTION = 0.25
+"""Regulation near singularities of a small arm starts at this fraction of the smallest singular value at its best
+posture. The configured arms with six and seven joints have 0.124 m there and more, above the default threshold."""
+LEAST_THRESHOLD_M = 0.01
+"""Least valid value of ``singularity.threshold``."""
 ASSUMED_VELOCITY = {True: 1.0, False: 0.1}
 """Velocity limit where the URDF has none: of revolute joints, rad/s, and of prismatic joints, m/s."""
 ASSUMED_RANGE = {True: (-math.pi, math.pi), False: (0.0, 0.1)}
@@ -48,6 +53,7 @@ def arm_configuration(path: Path, base_frame: str = "", tip_frame: str = "") -> 
     """
     path = path.expanduser().absolute()
     robot = Robot(read_file(path), base_frame, tip_frame)
+    start = choose_start_posture(robot)
     arm = (f"robot_description: {_text(str(path))}", f"base_frame: {_text(robot.base_frame)}")
     tip = f"tip_frame: {_text(robot.tip_frame)}"
     if not tip_frame:
@@ -61,10 +67,10 @@ def arm_configuration(path: Path, base_frame: str = "", tip_frame: str = "") -> 
         "rate_hz: 500.0  # assumed: the update_rate of your controller_manager",
         "method: plain",
         *_task(robot),
+        *_singularity(start),
         "limits:",
         *(f"  {line}" for line in _limits(robot)),
     )
-    start = choose_start_posture(robot)
     simulator = (
         *arm,
         tip.partition("  #")[0],
@@ -165,6 +171,16 @@ def _task(robot: Robot) -> Iterator[str]:
         yield "task:"
         yield f"  tolerance: [{widths}]"
         yield f"  frame: {rank.proposal.frame}"
+
+
+def _singularity(start: StartPosture) -> Iterator[str]:
+    """For an arm that the default threshold would regulate at every posture: a threshold of its own."""
+    default = Settings().singularity.threshold
+    if start.singular_value < default:
+        threshold = max(REGULATED_FRACTION * start.singular_value, LEAST_THRESHOLD_M)
+        yield f"# A small arm: the smallest singular value is below the default of {default:g} m at every posture."
+        yield "singularity:"
+        yield f"  threshold: {_number(threshold)}  # m"
 
 
 def _widths(tolerance: TaskTolerance) -> Iterator[tuple[float, bool]]:

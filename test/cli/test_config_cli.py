@@ -65,6 +65,7 @@ def test_every_value_has_its_source(tmp_path: Path, capsys: pytest.CaptureFixtur
     ):
         assert line in text
     assert "task:" not in text, "the arm can follow whole poses"
+    assert "singularity:" not in text, "the default fits an arm of this size"
 
 
 def test_limits_that_cannot_be_meant_are_assumed_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,6 +94,7 @@ def test_an_arm_with_five_joints_gets_the_task_that_it_can_follow(
     assert settings.task.frame == "base"
     assert "rz in the frame base cannot be followed beside the others" in text
     assert followed(settings)
+    assert settings.singularity.threshold == pytest.approx(0.02, abs=0.003), "0.12 m is more than this arm has anywhere"
 
 
 def followed(settings: Settings) -> bool:

@@ -9,10 +9,16 @@ from pathlib import Path
 
 from ik_node.errors import SettingsError
 
+RECORDING = "bag"
+"""Folder of the recording."""
+
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """Create a folder with its missing parents; remove them again after an exception.
+
+    After a BrokenPipeError (``ik_demo | head``) a folder with a recording stays: the run is complete, and only its
+    report has no reader.
 
     Args:
         path: The folder; must not exist.
@@ -32,7 +38,9 @@ def new_folder(path: Path) -> Iterator[Path]:
             reason = getattr(error, "strerror", None) or str(error)
             raise SettingsError(f"folder '{path}' cannot be created: {reason}") from error
         yield path
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, BrokenPipeError) and (path / RECORDING).is_dir():
+            raise
         shutil.rmtree(path, ignore_errors=True)
         for parent in created[1:]:
             with contextlib.suppress(OSError):  # something else is in it now

@@ -35,7 +35,7 @@ def recorded(folder: Path, tolerance: tuple[float, ...], frame: str = "tool", me
     def pose(time_s: float) -> Array:
         found = figure.pose(time_s).copy()
         found[:3, :3] = found[:3, :3] @ se3.exp_rotation(np.array([0.0, 0.0, time_s]))
-        return found
+        return np.asarray(found)
 
     loop.follow(pose, 4.0, 50.0)
     finish(loop)

@@ -53,7 +53,7 @@ def draw_path(figure: Any, axes: Any, reported: ReportedRun) -> None:
     bar.ax.tick_params(labelsize=7.5)
     bar.ax.locator_params(nbins=5)
     bar.outline.set_visible(False)
-    axes.legend(loc="upper left", frameon=False, fontsize=8, bbox_to_anchor=(-0.4, 1.08))
+    axes.legend(loc="upper left", frameon=False, fontsize=8, bbox_to_anchor=(-0.32, 1.08))
 
 
 def _draw_arm(axes: Any, reported: ReportedRun) -> list[Array]:

@@ -327,10 +327,9 @@ class Controller:
         return None
 
     def _track(self, state: JointState, now: Instant) -> Step:
-        rate, interval_s = self._velocity_controller.task_scale, self._timer.interval_s
-        pose_sb = self.robot.pose(state.position)
-        motion = self._targets.advance(state.time_ns, interval_s, rate, pose_sb, state.position)
-        output = self._velocity_controller.compute(state, pose_sb, motion, interval_s, now)
+        law, pose_sb, interval_s = self._velocity_controller, self.robot.pose(state.position), self._timer.interval_s
+        motion = self._targets.advance(state.time_ns, interval_s, law.task_scale, pose_sb, state.position)
+        output = law.compute(state, pose_sb, motion, interval_s, now)
         self._report(now, output)
         self._tick += 1
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)

@@ -18,7 +18,7 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import LimitSettings
 
 ROBOTS = ("panda", "ur5", "ur10", "talos_arm", "xarm7", "kinova")
-METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient", "joint_weighted")
 PERIOD_S = 0.002
 
 
@@ -70,7 +70,9 @@ def problem(robot: Robot, method: str, rng: np.random.Generator) -> Problem:
         twist = jacobian @ rng.uniform(bounds.lo, bounds.hi) * rng.choice([0.5, 1.0, 1.5])
     weight = gradient = None
     gain = 0.0
-    if method != "plain":
+    if method == "joint_weighted":
+        weight = np.diag(10.0 ** rng.uniform(-1.0, 1.0, robot.n))
+    elif method != "plain":
         dynamics = robot.dynamics(q)
         weight = dynamics.mass_matrix
         if method == "gravity_gradient":

@@ -37,45 +37,55 @@ class MethodCost(NamedTuple):
 class Method(NamedTuple):
     """One method; calling it computes its cost."""
 
-    cost: Callable[[Robot, Array, Array | None], MethodCost]
+    cost: Callable[[Robot, Array, Array | None, Array | None], MethodCost]
     needs_masses: bool = False
     """True if W is the mass matrix, which has to be positive definite."""
     avoids_obstacles: bool = False
     """True if the gradient is that of the repulsive potential; the null space is then used to evade obstacles."""
 
-    def __call__(self, robot: Robot, q: Array, repulsion: Array | None) -> MethodCost:
+    def __call__(
+        self, robot: Robot, q: Array, repulsion: Array | None = None, joint_weights: Array | None = None
+    ) -> MethodCost:
         """The cost at q.
 
         Args:
             robot: The robot.
             q: Joint positions, (n,), rad (m).
             repulsion: Gradient of the repulsive potential of obstacles, (n,), N m (N); None if it is not known.
+            joint_weights: Weights of the joints, (n,), > 0; None for equal ones.
         """
-        return self.cost(robot, q, repulsion)
+        return self.cost(robot, q, repulsion, joint_weights)
 
 
-def _plain(robot: Robot, q: Array, repulsion: Array | None) -> MethodCost:
+def _plain(robot: Robot, q: Array, repulsion: Array | None, joint_weights: Array | None) -> MethodCost:
     """Least joint velocity: W = I (lecture notes, section 3, "Pseudoinverse")."""
-    del robot, q, repulsion
+    del robot, q, repulsion, joint_weights
     return MethodCost(None, None)
 
 
-def _inertia_weighted(robot: Robot, q: Array, repulsion: Array | None) -> MethodCost:
+def _inertia_weighted(robot: Robot, q: Array, repulsion: Array | None, joint_weights: Array | None) -> MethodCost:
     """Least kinetic energy: W = M(q) (lecture notes, section 3, "Inertia-weighted Pseudoinverse")."""
-    del repulsion
+    del repulsion, joint_weights
     return MethodCost(robot.dynamics(q).mass_matrix, None)
 
 
-def _gravity_gradient(robot: Robot, q: Array, repulsion: Array | None) -> MethodCost:
+def _gravity_gradient(robot: Robot, q: Array, repulsion: Array | None, joint_weights: Array | None) -> MethodCost:
     """Least kinetic energy plus k times the rate of the gravitational energy ("Weighted Pseudoinverse")."""
-    del repulsion
+    del repulsion, joint_weights
     dynamics = robot.dynamics(q)
     return MethodCost(dynamics.mass_matrix, dynamics.gravity)
 
 
-def _obstacle_gradient(robot: Robot, q: Array, repulsion: Array | None) -> MethodCost:
+def _obstacle_gradient(robot: Robot, q: Array, repulsion: Array | None, joint_weights: Array | None) -> MethodCost:
     """Least kinetic energy plus k times the rate of the repulsive potential."""
+    del joint_weights
     return MethodCost(robot.dynamics(q).mass_matrix, repulsion)
+
+
+def _joint_weighted(robot: Robot, q: Array, repulsion: Array | None, joint_weights: Array | None) -> MethodCost:
+    """Least weighted joint velocity: W = diag(w); a joint with a larger weight moves less."""
+    del robot, q, repulsion
+    return MethodCost(None if joint_weights is None else np.diag(joint_weights), None)
 
 
 METHODS: Mapping[str, Method] = {
@@ -83,6 +93,7 @@ METHODS: Mapping[str, Method] = {
     "inertia_weighted": Method(_inertia_weighted, needs_masses=True),
     "obstacle_gradient": Method(_obstacle_gradient, needs_masses=True, avoids_obstacles=True),
     "gravity_gradient": Method(_gravity_gradient, needs_masses=True),
+    "joint_weighted": Method(_joint_weighted),
 }
 """Name -> method. The settings repeat the names as the choices of ``method``; a test compares both."""
 

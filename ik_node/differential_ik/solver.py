@@ -17,9 +17,8 @@ from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, is_truncated, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
-from ik_node.differential_ik.methods import METHODS, check_masses
 from ik_node.differential_ik.off_direction import limits_off_direction, relaxed_limits
-from ik_node.differential_ik.posture import check_posture, secondary_gradient
+from ik_node.differential_ik.selected_method import SelectedMethod
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import (
     NO_TRUNCATION,
@@ -72,6 +71,7 @@ class DifferentialIkSolver:
         """
         self._robot = robot
         self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
+        self._method = SelectedMethod(robot)
         self._snapshot = INITIAL
         self._no_rows, self._no_limits = np.zeros((0, robot.n)), np.zeros(0)
         self.configure(settings)
@@ -80,12 +80,10 @@ class DifferentialIkSolver:
         """Replaces the settings.
 
         Raises:
-            SettingsError: The limits do not fit the robot, or the method needs masses that it does not have; nothing
-                has changed then.
+            SettingsError: The limits or the method do not fit the robot; nothing has changed then.
         """
-        check_masses(settings.control.method, self._robot)
         limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
-        check_posture(self._robot, settings.obstacles)
+        self._method.configure(settings)
         self.limits = limits
         self._velocity_limit = limits.velocity
         self.collision_monitor.configure(settings.obstacles)
@@ -93,7 +91,6 @@ class DifferentialIkSolver:
         self._obstacles = settings.obstacles
         self._singularity = settings.singularity
         self._exact = settings.task.tolerance.count(0.0)
-        self._method = METHODS[settings.control.method]
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
         self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
@@ -172,7 +169,8 @@ class DifferentialIkSolver:
         terms = self._avoidance_terms(state, self._method.avoids_obstacles)
         rows = self._whole_pose if rows is None else rows
         jacobian, row_scale, twist = rows.place(state.q_middle), rows.row_scale, rows.twist(twist_b)
-        weight, gradient = self._cost(state, terms)
+        repulsion = None if terms is None else terms.potential.gradient
+        weight, gradient = self._method.cost(state.q_middle, state.q, repulsion)
         gain = 0.0 if gradient is None else self._control.gradient_gain
         order = self._robot.chain_order if foresight and rows is self._whole_pose else NO_ORDER
         fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms, order)
@@ -372,15 +370,6 @@ class DifferentialIkSolver:
         limits = self.limits
         change = largest_change(limits.acceleration, state.elapsed_s, limits.dt_max_s)
         return self.collision_monitor.update(state.q, state.previous, change, limits.dt_max_s, state.time_ns, repel)
-
-    def _cost(self, state: ArmState, terms: AvoidanceTerms | None) -> tuple[Array | None, Array | None]:
-        """Weight of the method, and its gradient plus the secondary gradients."""
-        repulsion = None if terms is None else terms.potential.gradient
-        weight, gradient = self._method.cost(self._robot, state.q_middle, repulsion)
-        secondary = secondary_gradient(self._robot, state.q, self._obstacles)
-        if secondary is not None:
-            gradient = secondary if gradient is None else gradient + secondary
-        return weight, gradient
 
     def _stalled_time(self, twist: Array, fraction: float, elapsed_s: float) -> float:
         return stalled_time(self._snapshot.stalled_s, fraction, float(np.abs(twist).max()), elapsed_s)

@@ -52,7 +52,8 @@ from ik_node.recording.input_table import INPUT_TYPES, JOINT_STATES
 from ik_node.recording.json_codec import to_json
 from ik_node.recording.mcap.metadata import Qos
 from ik_node.recording.mcap.writer import Recorder, RecorderOptions
-from ik_node.settings.groups import RecordingSettings, Settings
+from ik_node.settings.groups import Settings
+from ik_node.settings.recording import RecordingSettings
 
 FORMAT = 2
 """Version of the topics and their encoding; incremented when older readers would misread a recording."""

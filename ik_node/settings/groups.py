@@ -15,10 +15,11 @@ from functools import cache
 from typing import Any, ClassVar
 
 from ik_node.settings.names import check_names
+from ik_node.settings.recording import RecordingSettings
 from ik_node.settings.schema import Descriptor, Group, Value, converted, setting
 from ik_node.settings.task import TaskSettings
 
-METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient", "joint_weighted")
 """Values of ``method``. A new method is a name here and a function of that name in
 :mod:`ik_node.differential_ik.methods`."""
 CONTROL_LAWS = ("twist_feedback", "ik_difference")
@@ -72,6 +73,13 @@ class ControlSettings(Group):
     )
     method: str = setting(
         "plain", "Cost that selects the joint velocity among those with the same twist.", choices=METHOD_NAMES
+    )
+    joint_weights: tuple[float, ...] = setting(
+        (),
+        "Weights of joint_weighted in the order of `joints`: a joint with a larger weight moves less; default: equal.",
+        "",
+        1e-3,
+        1e3,
     )
     gradient_gain: float = setting(
         0.02, "Gain k of the methods with a gradient; too large a gain is unstable.", "s", 0.0, 1.0
@@ -299,22 +307,6 @@ class FollowSettings(Group):
 
 
 @dataclass(frozen=True)
-class RecordingSettings(Group):
-    """Recording of runs."""
-
-    prefix: ClassVar[str] = "recording"
-    enabled: bool = setting(False, "Record from configuration on.", read_only=True)
-    directory: str = setting(
-        "", "Folder of the recording; must not exist; default: ik_node_ and the time, here.", read_only=True
-    )
-    compression: str = setting(
-        "zstd", "Compression of the chunks of a recording.", choices=("none", "lz4", "zstd"), read_only=True
-    )
-    max_part_mb: float = setting(0.0, "Size at which a new file is begun; 0: never.", "MB", 0.0, 1e6, read_only=True)
-    max_part_s: float = setting(0.0, "Duration at which a new file is begun; 0: never.", "s", 0.0, 1e6, read_only=True)
-
-
-@dataclass(frozen=True)
 class Settings:
     """One of each group; immutable."""
 
@@ -329,7 +321,7 @@ class Settings:
     jog: JogSettings = JogSettings()
     state: StateSettings = StateSettings()
     follow: FollowSettings = FollowSettings()
-    recording: RecordingSettings = RecordingSettings()
+    recording: RecordingSettings = RecordingSettings()  # noqa: RUF009 - frozen
 
     def flat(self) -> dict[str, Value]:
         """The value of every parameter.

@@ -78,7 +78,9 @@ def problem(
         lower = np.minimum(-upper, -rng.uniform(0.0, 0.5, len(banded)))
         bands = TaskBands(both, np.concatenate((upper, lower)), ("band",) * len(both))
     weight, gradient, gain = np.eye(robot.n), np.zeros(robot.n), 0.0
-    if method != "plain":
+    if method == "joint_weighted":
+        weight = np.diag(10.0 ** rng.uniform(-1.0, 1.0, robot.n))
+    elif method != "plain":
         dynamics = robot.dynamics(q)
         weight = dynamics.mass_matrix
         if method == "gravity_gradient":

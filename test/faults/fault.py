@@ -16,7 +16,7 @@ import pytest
 if TYPE_CHECKING:
     from rig import Rig
 
-METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient")
+METHODS = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient", "joint_weighted")
 TIMEOUT_S = 0.4
 """state.timeout_s of the nodes under test; the test process, which sends the joint states, is late now and then."""
 MARGIN_S = 0.6

@@ -25,7 +25,7 @@ from ik_node.math.types import Array
 from ik_node.robot import catalogue
 from ik_node.robot.description import read_description
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import ArmSettings, Settings
+from ik_node.settings.groups import METHOD_NAMES, ArmSettings, Settings
 
 GENERATOR = np.random.default_rng(21)
 RATIO = np.array(
@@ -305,7 +305,7 @@ def test_a_master_that_does_not_move_holds_what_mimics_it() -> None:
     assert np.abs(robot.pose(np.array([0.2, 0.5])) - held.pose(np.array([0.2, 0.5]))).max() < 1e-14
 
 
-@pytest.mark.parametrize("method", ["plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient"])
+@pytest.mark.parametrize("method", METHOD_NAMES)
 def test_the_control_loop_carries_a_finger_that_mimics(method: str) -> None:
     """From target to command with eight joints, of which nine move; the finger stays within its 4 cm."""
     urdf = catalogue.read_urdf(catalogue.find("panda"))

@@ -23,7 +23,7 @@ from ik_node.interfaces.clock import NS
 from ik_node.replay.bitwise import replay
 from ik_node.replay.call_source import RecordingSource, calls
 from ik_node.replay.what_if import RECORDED, compare, ground_truth_of, make_variants
-from ik_node.settings.groups import METHOD_NAMES
+from ik_node.settings.method_names import METHOD_NAMES
 
 ROBOTS = ("panda", "ur5")
 

@@ -114,6 +114,10 @@ class StateRefused(InputError):
     """A joint state cannot be used."""
 
 
+class MethodFault(IkNodeError):
+    """An own method raised an exception or returned what is no cost; the arm continues with ``plain``."""
+
+
 class RecordingError(IkNodeError):
     """A recording cannot be written or read."""
 

@@ -14,7 +14,7 @@ from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
 from ik_node.errors import IkNodeError, MissingPackageError, SettingsError
-from ik_node.settings.groups import METHOD_NAMES
+from ik_node.settings.method_names import METHOD_NAMES
 
 if TYPE_CHECKING:
     from ik_node.ros.demo.options import DemoOptions
@@ -52,7 +52,8 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--base", help="frame {s} of the targets [as configured, else the root of the model]")
     result.add_argument("--tip", help="tool frame {b} [as configured, else the end of the arm, without a gripper]")
     result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml, or made from --urdf]")
-    result.add_argument("--method", choices=METHOD_NAMES, help="method that resolves redundancy [as configured]")
+    names = f"{', '.join(METHOD_NAMES)}, or package.module:name"
+    result.add_argument("--method", help=f"method that resolves redundancy: {names} [as configured]")
     result.add_argument(
         "--trajectory", default=SHAPES[0], help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]"
     )

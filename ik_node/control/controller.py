@@ -18,13 +18,15 @@ from ik_node.control.controller_state import ControllerSnapshot, CycleSnapshot
 from ik_node.control.following_error import RETRY_S, FollowingErrorMonitor
 from ik_node.control.hold_up import MAX_RAMP_GAP_PERIODS, RESTART_S, reason_when_late
 from ik_node.control.joint_states import JointState, JointStateMerger, JointStateSnapshot
-from ik_node.control.late_inputs import late_conditions
 from ik_node.control.settings_check import check_settings
 from ik_node.control.state_machine import StateMachine, StateMachineSnapshot
-from ik_node.control.status import DIRECTION, REACH, StatusSnapshot
+from ik_node.control.status import StatusSnapshot
+from ik_node.control.step_report import report_step
 from ik_node.control.step_timer import StepTimer, TimerSnapshot
 from ik_node.control.steps import closed_loop_step, open_loop_step
-from ik_node.control.velocity_controller import ControlOutput, VelocityController
+from ik_node.control.velocity_controller import VelocityController
+from ik_node.differential_ik.own_methods import GivenMethods, with_method_listed
+from ik_node.differential_ik.selected_method import SelectedMethod
 from ik_node.errors import IkNodeError, InputError, SceneError, StateRefused, TargetRefused, UnknownNameError
 from ik_node.interfaces import samples as inputs
 from ik_node.interfaces.clock import NS, Instant
@@ -50,25 +52,28 @@ class Controller:
     the target cannot be used; the previous target then stays in command.
     """
 
-    def __init__(self, robot: Robot, settings: Settings) -> None:
+    def __init__(self, robot: Robot, settings: Settings, methods: GivenMethods | None = None) -> None:
         """Creates the components.
 
         Args:
             robot: The arm.
             settings: All settings.
+            methods: Functions of the own methods that ``method`` and ``extra_methods`` name; default: they are imported
+                (:mod:`ik_node.differential_ik.own_methods`).
 
         Raises:
-            SettingsError: A list of limits does not match the number of joints, or an SRDF cannot be read.
+            SettingsError: A list of limits does not match the number of joints, an SRDF cannot be read, or an own
+                method cannot be loaded.
             SceneError: The scene file cannot be used.
             UnknownNameError: ``obstacles`` names a link that does not exist.
         """
-        settings = with_srdf_text(settings)
+        settings = with_method_listed(with_srdf_text(settings))
         self.robot, self.settings = robot, settings
         self.targets_refused = 0
         """Number of refused targets."""
         self.states_refused = 0
         """Number of refused joint states."""
-        self._velocity_controller = VelocityController(robot, settings)
+        self._velocity_controller = VelocityController(robot, settings, methods)
         self._joint_states = JointStateMerger(robot, settings)
         self._targets = TargetArbiter(settings, robot)
         self._frames = Frames(robot)
@@ -101,6 +106,11 @@ class Controller:
     def collision_monitor(self) -> CollisionMonitor:
         """Collision geometry and obstacles."""
         return self._velocity_controller.solver.collision_monitor
+
+    @property
+    def method(self) -> SelectedMethod:
+        """The method, with the faults of an own one."""
+        return self._velocity_controller.solver.method
 
     # --- inputs ------------------------------------------------------------------------------------------------------
 
@@ -227,14 +237,15 @@ class Controller:
         self._state_machine.resume()
 
     def reset(self) -> None:
-        """Ends a fault or a pause; the arm holds the measured position."""
+        """Ends a fault or a pause, and that of an own method; the arm holds the measured position."""
         for subject in ("obstacles", "transform", *(source.value for source in TargetSource)):
             self._status.note(subject)
+        self.method.clear_fault()
         self._state_machine.reset()
 
     def check(self, settings: Settings) -> None:
         """Raises SettingsError when settings do not match the robot; changes nothing."""
-        check_settings(self.robot, settings)
+        check_settings(self.robot, settings, self.method.own)
 
     def apply(self, settings: Settings) -> None:
         """Applies changed settings; raises SettingsError as :meth:`check` does, without any change."""
@@ -327,22 +338,12 @@ class Controller:
         return None
 
     def _track(self, state: JointState, now: Instant) -> Step:
-        law, pose_sb, interval_s = self._velocity_controller, self.robot.pose(state.position), self._timer.interval_s
+        pose_sb, interval_s, law = self.robot.pose(state.position), self._timer.interval_s, self._velocity_controller
         motion = self._targets.advance(state.time_ns, interval_s, law.task_scale, pose_sb, state.position)
         output = law.compute(state, pose_sb, motion, interval_s, now)
-        self._report(now, output)
+        report_step(self._status, now, output, law, self._targets, self._timer, self._joint_states)
         self._tick += 1
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)
-
-    def _report(self, now: Instant, output: ControlOutput) -> None:
-        conditions = [*self._velocity_controller.conditions(output), *self._targets.warnings]
-        conditions += late_conditions(self._timer, self._joint_states, output.held_since_ns, self._targets.gap_ns)
-        off_direction = self._velocity_controller.off_direction.text
-        for subject, text in (("limits", ""), (REACH, self._targets.target_note), (DIRECTION, off_direction)):
-            self._status.note(subject, text)
-        self._status.set_conditions(conditions, now)
-        mode = Mode.HOLDING if self._targets.ended else Mode.TRACKING
-        self._status.set(Status(Level.OK, mode, self._targets.reason_when(self._targets.ended)))
 
     def _ready(self) -> JointState:
         """Last joint state while the control law is active; raises TargetRefused otherwise."""

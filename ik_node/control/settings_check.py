@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from ik_node.differential_ik.selected_method import check_method
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
 
-def check_settings(robot: Robot, settings: Settings) -> None:
-    """Raises SettingsError when settings do not match the robot."""
-    check_method(robot, settings)
+def check_settings(robot: Robot, settings: Settings, own_methods: Collection[str]) -> None:
+    """Raises SettingsError when settings do not match the robot; ``own_methods``: names of those that are loaded."""
+    check_method(robot, settings, own_methods)
     motion_limits(robot, settings.limits, settings.control.rate_hz)

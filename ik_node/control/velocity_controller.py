@@ -16,6 +16,7 @@ from ik_node.control.joint_states import JointState
 from ik_node.control.off_direction_warning import MIN_RATIO, MIN_SPEED, NO_WARNING, OffDirectionWarning, updated_warning
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot, task_note
+from ik_node.differential_ik.own_methods import GivenMethods
 from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
 from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
 from ik_node.interfaces.clock import NS, Instant
@@ -72,11 +73,11 @@ class VelocityControllerSnapshot(NamedTuple):
 class VelocityController:
     """Control law, predictor and differential inverse kinematics of one arm."""
 
-    def __init__(self, robot: Robot, settings: Settings) -> None:
-        """Creates the components.
+    def __init__(self, robot: Robot, settings: Settings, methods: GivenMethods | None = None) -> None:
+        """Creates the components; for ``methods`` see :class:`ik_node.control.controller.Controller`.
 
         Raises:
-            SettingsError: A list of limits does not match the number of joints.
+            SettingsError: A list of limits does not match the number of joints, or an own method cannot be loaded.
             SceneError: The scene file cannot be used.
             UnknownNameError: ``obstacles`` names a link that does not exist.
         """
@@ -86,7 +87,7 @@ class VelocityController:
         self._task = TaskFeedback(robot, settings)
         self.task_note = task_note(robot, self._task.tolerance, proposes=True)
         """What of the task the arm cannot follow in general; empty for nothing."""
-        self.solver = DifferentialIkSolver(robot, settings)
+        self.solver = DifferentialIkSolver(robot, settings, methods)
         self._ik = IkDifference(robot, self._task.tolerance)
         self._integral = IntegralAction()
         self._smith_predictor = SmithPredictor(robot.n, settings.control)
@@ -257,6 +258,8 @@ class VelocityController:
         if unlimited.any():
             names = ", ".join(name for name, value in zip(self._robot.joints, unlimited, strict=True) if value)
             found.append(f"no velocity limit in the URDF or limits.velocity: {names}")
+        if solver.method.note:
+            found.append(solver.method.note)
         if solver.without_effect:
             found.append(solver.without_effect)
         if control.control_law == "ik_difference" and control.ik_difference_gain > MAX_GAIN_WITH_LAG:

@@ -30,7 +30,8 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.robot.simulated_arm import SimulatedArm
-from ik_node.settings.groups import METHOD_NAMES, Settings
+from ik_node.settings.groups import Settings
+from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.settings.schema import Value
 
 STEPS = 20

@@ -112,7 +112,7 @@ def check_masses(name: str, robot: Robot) -> None:
         return
     lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
     for fraction in low_discrepancy_points(np.arange(MASS_POSITIONS), robot.n):
-        joint = _joint_without_mass(robot.dynamics(lower + fraction * (upper - lower)).mass_matrix)
+        joint = joint_without_weight(robot.dynamics(lower + fraction * (upper - lower)).mass_matrix)
         if joint is not None:
             links = robot.moved_links(joint)
             massless = [link for link in links if robot.description.masses.get(link, 0.0) <= 0.0] or list(links)
@@ -123,8 +123,8 @@ def check_masses(name: str, robot: Robot) -> None:
             )
 
 
-def _joint_without_mass(mass: Array) -> int | None:
-    """Index of a joint that makes a mass matrix (n, n) unusable; None if it is positive definite."""
+def joint_without_weight(mass: Array) -> int | None:
+    """Index of a joint that makes a mass matrix or another weight (n, n) unusable; None if it is positive definite."""
     diagonal = np.diagonal(mass)
     if not np.isfinite(mass).all():
         return int(np.flatnonzero(~np.isfinite(mass).all(axis=0))[0])

@@ -1,41 +1,77 @@
-"""The cost of the configured method: its weight and gradient, with the secondary gradients of the settings."""
+"""The cost of the configured method: its weight and gradient, with the secondary gradients of the settings.
+
+An own method of the user (:mod:`ik_node.differential_ik.own_methods`) that fails is replaced by ``plain`` in the same
+control step and until it is selected again or the controller is reset. The command changes within the acceleration
+limits, as at every change of the method, and the task is followed as before.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 import numpy as np
 
 from ik_node.differential_ik.methods import METHODS, MethodCost, check_masses
+from ik_node.differential_ik.own_methods import GivenMethods, load_methods
 from ik_node.differential_ik.posture import check_posture, secondary_gradient
-from ik_node.errors import SettingsError
+from ik_node.errors import MethodFault, SettingsError
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
+
+NO_COST = MethodCost(None, None)
+"""That of ``plain``."""
 
 
 class SelectedMethod:
     """The method that the settings name."""
 
-    def __init__(self, robot: Robot) -> None:
-        """:meth:`configure` has to follow."""
+    def __init__(self, robot: Robot, settings: Settings, own: GivenMethods | None = None) -> None:
+        """Loads own methods; :meth:`configure` has to follow.
+
+        Raises:
+            SettingsError: An own method cannot be loaded.
+        """
         self._robot = robot
+        self.own = load_methods(robot, settings.control, own)
+        """The own methods that were loaded: name -> method."""
+        self._own_robot = robot.copy()
+        self._name = ""
+        self.fault = ""
+        """Why the own method is replaced by ``plain``; empty if it is not."""
 
     def configure(self, settings: Settings) -> None:
-        """Selects the method of the settings.
+        """Selects the method of the settings; another one than before has no fault.
 
         Raises:
             SettingsError: As :func:`check_method`; nothing has changed then.
         """
-        check_method(self._robot, settings)
-        self.name = settings.control.method
+        check_method(self._robot, settings, self.own)
+        name, weights = settings.control.method, settings.control.joint_weights
+        if name != self._name:
+            self._name, self.fault = name, ""
         self._obstacles = settings.obstacles
-        self._method = METHODS[self.name]
-        weights = settings.control.joint_weights
+        self._built_in, self._own = METHODS.get(name), self.own.get(name)
         self._joint_weights = np.array(weights) if weights else np.ones(self._robot.n)
 
     @property
     def avoids_obstacles(self) -> bool:
         """True if the gradient is that of the repulsive potential of obstacles."""
-        return self._method.avoids_obstacles
+        return self._built_in is not None and self._built_in.avoids_obstacles
+
+    @property
+    def note(self) -> str:
+        """Status text about a fault; empty without one."""
+        return f"{self.fault}; continued with plain" if self.fault else ""
+
+    def fail(self, reason: str) -> None:
+        """Replaces the own method by ``plain``; without effect for a built-in one."""
+        if self._own is not None and not self.fault:
+            self.fault = reason
+
+    def clear_fault(self) -> None:
+        """Uses the own method again."""
+        self.fault = ""
 
     def cost(self, q_middle: Array, q: Array, repulsion: Array | None) -> MethodCost:
         """Weight of the method, and its gradient plus the secondary gradients.
@@ -45,17 +81,43 @@ class SelectedMethod:
             q: Measured joint positions, (n,), rad (m), for the secondary gradients.
             repulsion: Gradient of the repulsive potential of obstacles, (n,), N m (N); None if it is not known.
         """
-        weight, gradient = self._method.cost(self._robot, q_middle, repulsion, self._joint_weights)
+        if self._built_in is not None:
+            weight, gradient = self._built_in.cost(self._robot, q_middle, repulsion, self._joint_weights)
+        else:
+            weight, gradient = self._own_cost(q_middle)
         secondary = secondary_gradient(self._robot, q, self._obstacles)
         if secondary is not None:
             gradient = secondary if gradient is None else gradient + secondary
         return MethodCost(weight, gradient)
 
+    def _own_cost(self, q: Array) -> MethodCost:
+        if self._own is None or self.fault:
+            return NO_COST
+        try:
+            return MethodCost(*self._own.cost(self._own_robot, q)[:2])
+        except MethodFault as fault:
+            self.fault = str(fault)
+            return NO_COST
 
-def check_method(robot: Robot, settings: Settings) -> None:
-    """Raises SettingsError when the method, its weights or the posture do not match the robot."""
-    check_masses(settings.control.method, robot)
-    count = len(settings.control.joint_weights)
+
+def check_method(robot: Robot, settings: Settings, own: Collection[str] = ()) -> None:
+    """Checks that method, weights and posture match the robot.
+
+    Args:
+        robot: The robot.
+        settings: The settings.
+        own: Names of the own methods that are loaded.
+
+    Raises:
+        SettingsError: They do not match; names the parameter.
+    """
+    control = settings.control
+    if control.method in METHODS:
+        check_masses(control.method, robot)
+    elif control.method not in own:
+        valid = ", ".join((*METHODS, *own))
+        raise SettingsError(f"method '{control.method}' was not loaded at the start by extra_methods; valid: {valid}")
+    count = len(control.joint_weights)
     if count not in (0, robot.n):
         order = ", ".join(robot.joints)
         raise SettingsError(f"joint_weights has {count} values; expected {robot.n}, in the order {order}")

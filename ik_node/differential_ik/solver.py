@@ -18,6 +18,7 @@ from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, is_tr
 from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.off_direction import limits_off_direction, relaxed_limits
+from ik_node.differential_ik.own_methods import GivenMethods
 from ik_node.differential_ik.selected_method import SelectedMethod
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.solution import (
@@ -53,6 +54,8 @@ class SolverSnapshot(NamedTuple):
     """s of the limits."""
     stalled_s: float
     """For how long limits or a singularity have been keeping the arm from its twist, s."""
+    method_fault: str = ""
+    """Fault of the own method."""
 
 
 INITIAL = SolverSnapshot(START, 1.0, 0.0)
@@ -61,17 +64,22 @@ INITIAL = SolverSnapshot(START, 1.0, 0.0)
 class DifferentialIkSolver:
     """Computes joint velocities within all limits, for one robot and one method."""
 
-    def __init__(self, robot: Robot, settings: Settings) -> None:
-        """Builds the collision monitor and :meth:`configure` s the solver.
+    def __init__(self, robot: Robot, settings: Settings, methods: GivenMethods | None = None) -> None:
+        """Builds the collision monitor, loads own methods and :meth:`configure` s the solver.
+
+        Args:
+            robot: The arm.
+            settings: All settings.
+            methods: Own methods by name; default: they are imported.
 
         Raises:
-            SettingsError: The limits do not fit the robot.
+            SettingsError: The limits do not fit the robot, or an own method cannot be loaded.
             SceneError: The scene file cannot be used.
             UnknownNameError: A configured pair names a link that does not exist.
         """
         self._robot = robot
         self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
-        self._method = SelectedMethod(robot)
+        self.method = SelectedMethod(robot, settings, methods)
         self._snapshot = INITIAL
         self._no_rows, self._no_limits = np.zeros((0, robot.n)), np.zeros(0)
         self.configure(settings)
@@ -83,7 +91,7 @@ class DifferentialIkSolver:
             SettingsError: The limits or the method do not fit the robot; nothing has changed then.
         """
         limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
-        self._method.configure(settings)
+        self.method.configure(settings)
         self.limits = limits
         self._velocity_limit = limits.velocity
         self.collision_monitor.configure(settings.obstacles)
@@ -92,7 +100,7 @@ class DifferentialIkSolver:
         self._singularity = settings.singularity
         self._exact = settings.task.tolerance.count(0.0)
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
-        fraction = 1.0 if self._method.avoids_obstacles else OTHER_SPEED_FRACTION
+        fraction = 1.0 if self.method.avoids_obstacles else OTHER_SPEED_FRACTION
         self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
         self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
         self._per_joint = stacked_limits(self.limits, self._null_space_cap)
@@ -122,11 +130,12 @@ class DifferentialIkSolver:
 
     def capture(self) -> SolverSnapshot:
         """The state, for :meth:`restore`."""
-        return self._snapshot
+        return self._snapshot._replace(method_fault=self.method.fault)
 
     def restore(self, snapshot: SolverSnapshot) -> None:
         """Sets the state; the following solutions are those of the captured solver, bit for bit."""
         self._snapshot = snapshot
+        self.method.fault = snapshot.method_fault
 
     def reset(self) -> None:
         """Forgets the last control steps."""
@@ -140,7 +149,7 @@ class DifferentialIkSolver:
     @property
     def without_effect(self) -> str:
         """Reason why the gradient of the method has no effect; empty if it has."""
-        if self._method.avoids_obstacles:
+        if self.method.avoids_obstacles:
             name = self._control.method
             if self.collision_monitor.unavailable:
                 return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
@@ -166,11 +175,11 @@ class DifferentialIkSolver:
         Raises:
             InputError: There is no finite solution.
         """
-        terms = self._avoidance_terms(state, self._method.avoids_obstacles)
+        terms = self._avoidance_terms(state, self.method.avoids_obstacles)
         rows = self._whole_pose if rows is None else rows
         jacobian, row_scale, twist = rows.place(state.q_middle), rows.row_scale, rows.twist(twist_b)
         repulsion = None if terms is None else terms.potential.gradient
-        weight, gradient = self._method.cost(state.q_middle, state.q, repulsion)
+        weight, gradient = self.method.cost(state.q_middle, state.q, repulsion)
         gain = 0.0 if gradient is None else self._control.gradient_gain
         order = self._robot.chain_order if foresight and rows is self._whole_pose else NO_ORDER
         fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms, order)

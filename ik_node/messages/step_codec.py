@@ -70,6 +70,7 @@ class CallKind(IntEnum):
     ON_PUBLISHERS = 13
     ON_TRANSFORM = 14
     ON_INPUT_NOTE = 15
+    ON_METHOD_FAULT = 16
 
 
 _KINDS = {int(kind): kind for kind in CallKind}

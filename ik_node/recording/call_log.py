@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from ik_node.errors import InputError, RecordingError
@@ -293,6 +294,7 @@ class _SetupTypes(NamedTuple):
     inputs: Mapping[str, str]
     geometry: str
     versions: Mapping[str, str]
+    methods: Mapping[str, str] = MappingProxyType({})
 
 
 def read_setup(text: str) -> dict[str, Any]:
@@ -302,6 +304,7 @@ def read_setup(text: str) -> dict[str, Any]:
         version = setup["format"]
         if version == FORMAT:
             limits = from_json(text, _SetupTypes).limits
+            setup.setdefault("methods", {})  # of a recording without own methods
             wrong = [name for name in ("lower", "upper", "velocity") if len(limits[name]) != len(setup["joints"])]
             if wrong:
                 raise InputError(f"limits {', '.join(wrong)} for another number of joints than {len(setup['joints'])}")

@@ -59,6 +59,7 @@ TEXT_CALLS = (
     CallKind.ON_PUBLISHERS,
     CallKind.ON_TRANSFORM,
     CallKind.ON_INPUT_NOTE,
+    CallKind.ON_METHOD_FAULT,
     CallKind.PAUSE,
 )
 """Calls that take a text."""

@@ -27,6 +27,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,8 @@ class RunSetup(NamedTuple):
     """State of the controller at the start, as plain data; None when it has not been called."""
     geometry: str = ""
     """Digest of the collision geometry."""
+    methods: Mapping[str, str] = MappingProxyType({})
+    """Own methods: name -> digest of the source."""
 
 
 class _Put(NamedTuple):
@@ -292,6 +295,7 @@ def setup_json(setup: RunSetup, input_topics: Mapping[str, str]) -> str:
         "call_kinds": {kind.name.lower(): int(kind) for kind in CallKind},
         "urdf_sha256": hashlib.sha256(setup.urdf.encode()).hexdigest(),
         "geometry": setup.geometry,
+        "methods": dict(setup.methods),
         "versions": dict(versions()),
     }
     return json.dumps(content, indent=1)

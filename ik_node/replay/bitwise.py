@@ -24,6 +24,7 @@ from ik_node.recording.input_table import INPUTS
 from ik_node.recording.json_codec import to_json
 from ik_node.replay.call_source import RecordingSource, make_recorded_call
 from ik_node.replay.gc_pause import infrequent_gc
+from ik_node.replay.recorded_methods import method_differences
 
 TOLERANCE = 1e-9
 """Largest difference of a number on another platform, in its SI unit; relative to the largest number of a field when
@@ -80,6 +81,8 @@ class Comparison:
     """Recorded snapshots that were compared with the state of the controller."""
     environment_differences: tuple[str, ...] = ()
     """Differences of versions and platform that can change bits."""
+    method_differences: tuple[str, ...] = ()
+    """Own methods that are absent or have another source; part of ``environment_differences``."""
 
     @property
     def identical(self) -> bool:
@@ -123,6 +126,9 @@ class _Replay:
         there, here = recorded.head.setup["geometry"], self._controller.collision_monitor.digest
         if there != here:
             self._result.environment_differences += (f"collision geometry: recorded {there}, here {here}",)
+        methods = method_differences(recorded.head.setup["methods"], self._controller)
+        self._result.method_differences = methods
+        self._result.environment_differences += methods
         self._next_number = 0
         self._last: RecordedCall | None = None
         self._tick = 0

@@ -12,6 +12,7 @@ from ik_node.interfaces.step import Step
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall, RecordedCalls, RecordedSnapshot, decode_snapshot
 from ik_node.replay.call_table import CALL_TABLE, decode_argument
+from ik_node.replay.recorded_methods import recorded_methods
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.settings.schema import Value
@@ -53,13 +54,15 @@ class RecordingSource(RecordedCalls):
 
         Raises:
             RecordingError: The recorded snapshot is that of another version.
+            SettingsError: ``settings`` name an own method that is neither recorded nor here.
         """
         settings = settings or self.head.settings
-        snapshot = self.head.snapshot
+        snapshot, robot = self.head.snapshot, self.robot()
+        methods = recorded_methods(robot, settings, self.head.setup["methods"])
         if snapshot is None:
-            return Controller(self.robot(), settings)
+            return Controller(robot, settings, methods)
         # The snapshot contains the obstacles; their scene file may not exist here.
-        controller = Controller(self.robot(), settings.with_values({"obstacles.scene": ""}))
+        controller = Controller(robot, settings.with_values({"obstacles.scene": ""}), methods)
         controller.restore(decode_snapshot(snapshot, ControllerSnapshot))
         return controller
 

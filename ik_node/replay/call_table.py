@@ -38,6 +38,7 @@ CALL_TABLE: Mapping[CallKind, TableEntry] = {
     CallKind.ON_PUBLISHERS: TableEntry(Controller.on_publishers),
     CallKind.ON_TRANSFORM: TableEntry(Controller.on_transform),
     CallKind.ON_INPUT_NOTE: TableEntry(Controller.on_input_note),
+    CallKind.ON_METHOD_FAULT: TableEntry(lambda controller, reason, now: controller.method.fail(reason)),
     CallKind.PAUSE: TableEntry(lambda controller, reason, now: controller.pause(now, reason)),
     # Settings as argument:
     CallKind.APPLY: TableEntry(lambda controller, settings, now: controller.apply(settings)),

@@ -77,6 +77,7 @@ class RecordedController:
         controller = self.controller
         robot, settings = controller.robot, controller.settings
         setup = run_setup(node, robot, settings, topics, controller.capture(), controller.collision_monitor.digest)
+        setup = setup._replace(methods=method_digests(controller))
         if robot_name:
             setup = setup._replace(robot_name=robot_name)
         self.recording = RunRecording(directory, setup, now, options)
@@ -132,6 +133,11 @@ class RecordedController:
         if step is not None:
             recording.record_step(step, outputs, computing_ns)
         recording.after_call(self.controller.capture, now)
+
+
+def method_digests(controller: Controller) -> dict[str, str]:
+    """The own methods of a controller: name -> digest of the source."""
+    return {name: method.digest for name, method in controller.method.own.items()}
 
 
 def run_setup(

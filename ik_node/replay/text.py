@@ -80,7 +80,8 @@ def replay_verdict(result: Comparison) -> str:
 def _conclusion(result: Comparison) -> list[str]:
     if result.first is None:
         snapshots = f", and {result.snapshots} recorded snapshots" if result.snapshots else ""
-        return [f"identical every Step is bit for bit the recorded one{snapshots}"]
+        other = (f"note      {line}" for line in result.method_differences)
+        return [f"identical every Step is bit for bit the recorded one{snapshots}", *other]
     environment = [f"          {line}" for line in result.environment_differences]
     if environment:
         environment = ["recorded  in another environment:", *environment]

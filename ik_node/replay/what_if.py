@@ -29,7 +29,8 @@ from ik_node.report.ground_truth import (
 from ik_node.report.reported_run import stored_truth
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import METHOD_NAMES, Settings
+from ik_node.settings.groups import Settings
+from ik_node.settings.method_names import METHOD_NAMES, is_import_path
 from ik_node.settings.schema import Value
 
 SETTLE_S = 1.0
@@ -104,9 +105,11 @@ def make_variants(recorded: Settings, methods: Sequence[str], changes: Mapping[s
         InputError: A method is unknown; the message lists the valid ones.
     """
     names = METHOD_NAMES if "all" in methods else tuple(dict.fromkeys(methods))
+    own = recorded.control.extra_methods
     for name in names:
-        if name not in METHOD_NAMES:
-            raise InputError(f"unknown method '{name}'; valid: all, {', '.join(METHOD_NAMES)}")
+        if name not in (*METHOD_NAMES, *own) and not is_import_path(name):
+            valid = ", ".join(("all", *METHOD_NAMES, *own, "package.module:name"))
+            raise InputError(f"unknown method '{name}'; valid: {valid}")
     rest = ", ".join(f"{name}={_shown(value)}" for name, value in changes.items())
     variants = [Variant(f"{name}, {rest}" if rest else name, {"method": name, **changes}) for name in names]
     variants = variants or [Variant(rest, dict(changes))]

@@ -7,6 +7,7 @@ coordinates.
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,13 @@ class Robot:
             {name: self.description.joints[model] for name, model in zip(self.joints, model_joints, strict=True)}
         )
         """Limits of the URDF that cannot be meant; infinite in :attr:`limits`."""
+
+    def copy(self) -> Robot:
+        """The same robot with Pinocchio data of its own, for code that may use it between two calls of this one."""
+        other = copy.copy(self)
+        other.data = self.model.createData()
+        other._position_key = b""
+        return other
 
     @property
     def name(self) -> str:

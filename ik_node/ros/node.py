@@ -36,6 +36,7 @@ from ik_node.ros import parameters, qos
 from ik_node.ros.description_topic import DescriptionTopic
 from ik_node.ros.input_queue import InputQueue
 from ik_node.ros.message_types import message_class
+from ik_node.ros.method_timer import MethodTimer
 from ik_node.ros.publisher import StepPublisher
 from ik_node.ros.recorder import NodeRecorder
 from ik_node.ros.status_log import StatusLog, log_line
@@ -95,7 +96,11 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         try:
             settings = parameters.read(self)
             robot = robot_from_settings(settings.arm, self._description.text)
-            controller = Controller(robot, settings)
+            self._method_timer = MethodTimer(robot, settings)
+            for line in self._method_timer.reports():
+                self.get_logger().info(line)
+            controller = Controller(robot, settings, self._method_timer.methods)
+            controller.method.fail(self._method_timer.slow(settings.control.method))
             self._calls = RecordedController(controller, self._send, timer_ns=time.perf_counter_ns)
             arm = settings.arm
             self._configured_with = "" if arm.robot or arm.robot_description else self._description.text
@@ -232,6 +237,8 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         self._note_input(entry.name, "", now)
         with suppress(IkNodeError):  # the reason is in the status, which is logged
             self._calls.call(kind, now, sample, data)
+        if slow := self._method_timer.slow(self._calls.controller.settings.control.method):
+            self._calls.call(CallKind.ON_METHOD_FAULT, now, slow)
         self._publish_status()
 
     def _note_input(self, name: str, note: str, now: Instant) -> None:

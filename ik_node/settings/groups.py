@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
 
+from ik_node.settings.method_names import METHOD_NAMES, OWN_NAMES, check_method_names
 from ik_node.settings.names import check_names
 from ik_node.settings.recording import RecordingSettings
 from ik_node.settings.schema import Descriptor, Group, Value, converted, setting
 from ik_node.settings.task import TaskSettings
 
-METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient", "joint_weighted")
-"""Values of ``method``. A new method is a name here and a function of that name in
-:mod:`ik_node.differential_ik.methods`."""
 CONTROL_LAWS = ("twist_feedback", "ik_difference")
 """Values of ``control_law``; implemented in :mod:`ik_node.control.feedback`."""
 
@@ -72,7 +70,13 @@ class ControlSettings(Group):
         read_only=True,
     )
     method: str = setting(
-        "plain", "Cost that selects the joint velocity among those with the same twist.", choices=METHOD_NAMES
+        "plain",
+        "Cost that selects the joint velocity among those with the same twist.",
+        choices=METHOD_NAMES,
+        further=OWN_NAMES,
+    )
+    extra_methods: tuple[str, ...] = setting(
+        (), "Own methods that are loaded at the start, so that `method` can select them.", read_only=True, element=str
     )
     joint_weights: tuple[float, ...] = setting(
         (),
@@ -126,6 +130,10 @@ class ControlSettings(Group):
     characteristic_length: float = setting(
         0.3, "Length that converts rotations to comparable translations.", "m", 1e-3, 10.0
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_method_names(self.method, self.extra_methods)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ def setting(
     read_only: bool = False,
     element: type = float,
     size: int = 0,
+    further: str = "",
 ) -> Any:
     """Declares a parameter as a dataclass field.
 
@@ -42,6 +43,7 @@ def setting(
         read_only: True if the parameter cannot change while the node runs.
         element: Type of the elements of a list.
         size: Required length of a list; 0 for any length.
+        further: Names what is valid besides ``choices``; the group checks it. Empty: nothing else is valid.
 
     Returns:
         The dataclass field.
@@ -55,6 +57,7 @@ def setting(
         "read_only": read_only,
         "element": element,
         "size": size,
+        "further": further,
     }
     return field(default=default, metadata=about)
 
@@ -72,6 +75,7 @@ class Descriptor(NamedTuple):
     read_only: bool
     element: type
     size: int
+    further: str = ""
 
     @property
     def default_text(self) -> str:
@@ -86,7 +90,7 @@ class Descriptor(NamedTuple):
     def valid_text(self) -> str:
         """The choices or the range as text; empty if every value is valid."""
         if self.choices:
-            return ", ".join(self.choices)
+            return ", ".join((*self.choices, self.further) if self.further else self.choices)
         ranges = (_range_text(low, high) for low, high in zip(*limits_per_element(self), strict=True))
         return ", ".join(text for text in dict.fromkeys(ranges) if text)
 
@@ -153,18 +157,18 @@ def check(name: str, value: Any, about: Descriptor) -> None:
         SettingsError: The value is invalid; one line with the name, the value, its type and what is valid.
     """
     if not _has_type(value, about):
-        raise SettingsError(f"{name} is {_shown(value)} ({_type_name(value)}); valid: {_expected(about)}")
+        raise SettingsError(f"{name} is {shown(value)} ({_type_name(value)}); valid: {_expected(about)}")
     if about.size and len(value) != about.size:
         raise SettingsError(f"{name} has {len(value)} elements; valid: {_expected(about)}: {about.description}")
-    if about.choices and value not in about.choices:
-        raise SettingsError(f"{name} is {_shown(value)}; valid: {', '.join(about.choices)}")
+    if about.choices and not about.further and value not in about.choices:
+        raise SettingsError(f"{name} is {shown(value)}; valid: {', '.join(about.choices)}")
     for index, number in enumerate(value if isinstance(value, tuple) else (value,)):
         if isinstance(number, (str, bool)):
             continue
         low, high = (_of_element(end, index) for end in (about.minimum, about.maximum))
         if math.isnan(number) or (math.isinf(number) and high != math.inf):
             valid = "numbers" if high == math.inf else "finite numbers"
-            raise SettingsError(f"{name} is {_shown(value)}; valid: {valid}")
+            raise SettingsError(f"{name} is {shown(value)}; valid: {valid}")
         if (low is not None and number < low) or (high is not None and number > high):
             where = f"[{index}]" if about.size else ""
             raise SettingsError(f"{name}{where} is {number!r}; valid: {_range(low, high)} {about.unit}".rstrip())
@@ -185,7 +189,8 @@ MAX_SHOWN = 80
 """Longest text of a value in a message, so that the message stays one readable line."""
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value in a message, cut at :data:`MAX_SHOWN` characters."""
     text = repr(list(value) if isinstance(value, tuple) else value)
     return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 

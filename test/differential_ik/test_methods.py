@@ -16,7 +16,7 @@ from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.robot.simulated_arm import ArmModel
 from ik_node.settings.groups import CONTROL_LAWS, Settings
-from ik_node.settings.groups import METHOD_NAMES as NAMES
+from ik_node.settings.method_names import METHOD_NAMES as NAMES
 from ik_node.trajectory.shapes import figure_of_eight
 
 LATE = ArmModel(lag_s=0.02, delay_s=0.002)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,20 @@ def test_a_urdf_of_ones_own_has_the_kinematics_of_the_formula(capsys: Printed, m
     rows = np.array([numbers(line) for line in lines[3:6]])
     qd = numbers(lines[6].partition(":")[2])
     assert rows[:2] @ qd == pytest.approx((0.1, 0.0), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "better"),
+    [("joint_limits", lambda plain, own: own > 1.5 * plain), ("camera_view", lambda plain, own: own < 0.5 * plain),
+     ("manipulability", lambda plain, own: own > 1.05 * plain)],
+)  # fmt: skip
+def test_an_own_method_improves_its_aim_and_not_the_error_of_the_task(
+    name: str, better: Callable[[float, float], bool], capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The smallest distance from a joint limit, the angle to the object in view, the manipulability."""
+    plain, own = (numbers(line) for line in output(f"own_method_{name}.py", capsys, monkeypatch))
+    assert better(plain[0], own[0])
+    assert max(plain[1], own[1]) < 0.1, "mm"
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

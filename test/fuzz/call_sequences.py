@@ -38,7 +38,8 @@ from ik_node.replay.call_source import RecordingSource
 from ik_node.replay.recorded_controller import RecordedController
 from ik_node.robot.joint_limits import motion_limits, stopping_distance
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import CONTROL_LAWS, METHOD_NAMES, Settings, describe
+from ik_node.settings.groups import CONTROL_LAWS, Settings, describe
+from ik_node.settings.method_names import METHOD_NAMES
 
 COUNTS: Counter[str] = Counter()
 """Numbers of sequences, calls, Steps and compared replays of this process."""

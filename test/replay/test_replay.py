@@ -32,7 +32,7 @@ from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 from ik_node.replay.bitwise import Comparison, replay
 from ik_node.replay.call_source import RecordingSource
 from ik_node.robot.frames import transform_text
-from ik_node.settings.groups import METHOD_NAMES
+from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.trajectory.shapes import figure_of_eight
 
 

@@ -38,7 +38,8 @@ from ik_node.replay.what_if import (
     make_variants,
     metrics_of,
 )
-from ik_node.settings.groups import METHOD_NAMES, Settings
+from ik_node.settings.groups import Settings
+from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.settings.parameter_file import parse_assignment
 from ik_node.trajectory.shapes import figure_of_eight
 

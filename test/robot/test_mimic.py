@@ -25,7 +25,8 @@ from ik_node.math.types import Array
 from ik_node.robot import catalogue
 from ik_node.robot.description import read_description
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import METHOD_NAMES, ArmSettings, Settings
+from ik_node.settings.groups import ArmSettings, Settings
+from ik_node.settings.method_names import METHOD_NAMES
 
 GENERATOR = np.random.default_rng(21)
 RATIO = np.array(

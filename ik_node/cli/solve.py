@@ -31,6 +31,8 @@ examples:
                                                          pure Newton-Raphson from the seed
   ik_solve --robot ur5 --target "0.4 0.2 0.4 1 0 0 0" --tolerance 0 0 0 0 0 inf
                                                          position and direction of the tool axis; it may spin
+  ik_solve --robot panda --target "0.4 0.1 0.5 1 0 0 0" --seed 0 -0.8 0 -2.4 0 1.6 0.8 --lock panda_joint3
+                                                         with one joint at the seed's position
   ik_solve --robot so101 --target "0.25 0.1 0.1 0 0.8660254 0 0.5" --tolerance 0 0 0 0 0 inf --frame base
                                                          five joints: the yaw about the vertical is free
 exit code: 0 converged, 1 not converged, 2 invalid arguments
@@ -65,6 +67,7 @@ def parser() -> argparse.ArgumentParser:
     method.add_argument("--eps-omega", type=float, help="accuracy of the rotation, rad [1e-6; --example 2r: 1e-3]")
     method.add_argument("--eps-v", type=float, help="accuracy of the position, m [1e-6; --example 2r: 1e-4]")
     method.add_argument("--max-iterations", type=int, help="cap on all iterations together [3000; pure: 100]")
+    method.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints that stay where --seed has them")
     output = result.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON instead of the table")
     output.add_argument(
@@ -82,6 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if options.example is not None and (options.tolerance is not None or options.frame is not None):
             raise InputError("--tolerance and --frame need a robot; --example has neither")
+        if options.example is not None and options.lock:
+            raise InputError("--lock needs a robot; --example has none")
         if options.example == "plateau":
             return _plateau(options)
         if options.example == "2r":
@@ -150,6 +155,7 @@ def _robot(options: argparse.Namespace) -> int:
     from ik_node.inverse_kinematics.newton_raphson import solve_pose_newton
     from ik_node.inverse_kinematics.pose_solver import PoseSolver
     from ik_node.math.numerics import checked_vector
+    from ik_node.robot.locked_chain import free_joints
     from ik_node.robot.task_rank import task_rank
 
     tolerance = _task_tolerance(options)
@@ -162,9 +168,11 @@ def _robot(options: argparse.Namespace) -> int:
     seed = None if options.seed is None else checked_vector(_numbers(options.seed, "--seed"), robot.n, "--seed")
     eps_omega, eps_v = _accuracies(options, 1e-6, 1e-6)
     pure = options.restarts == 0
+    if options.lock and (pure or seed is None):
+        raise InputError("--lock needs --seed, and cannot be used with --restarts 0")
     solver = PoseSolver(
         robot, eps_omega=eps_omega, eps_v=eps_v, max_iterations=_given(options.max_iterations, 100 if pure else 3000),
-        tolerance=tolerance,
+        tolerance=tolerance, locked=options.lock,
     )  # fmt: skip
     if pure:
         start = solver.start(0) if seed is None else seed
@@ -188,8 +196,12 @@ def _robot(options: argparse.Namespace) -> int:
             None if free else width for width, free in zip(tolerance.half_widths, tolerance.free, strict=True)
         ]
         about["frame"] = tolerance.frame
+    if options.lock:
+        title += f", locked: {', '.join(options.lock)}"
+        about["locked"] = options.lock
     if not solution.converged:
-        hint = task_rank(robot, tolerance).text(tolerance)
+        free = free_joints(robot.joints, options.lock) if options.lock else None
+        hint = task_rank(robot, tolerance, free=free).text(tolerance)
         if hint:
             print(f"hint: {hint}", file=sys.stderr)
     return _finish(options, title, about, robot, pose_sd, solution)

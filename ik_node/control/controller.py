@@ -82,9 +82,8 @@ class Controller:
         self._status.note("task", self._velocity_controller.task_note)
         self._timer = StepTimer(settings.control.rate_hz)
         self._following_error = FollowingErrorMonitor(robot, settings.follow)
-        self._tick = 0
         self._state: JointState | None = None
-        self._last_step_ns = self._retry_ns = 0
+        self._tick = self._last_step_ns = self._retry_ns = 0
         self._subscribers, self._keep_targets = 1, False
 
     @property

@@ -43,16 +43,17 @@ class IkDifference:
     rotation, because a jump of 2 pi in theta_d would give an excessive velocity.
     """
 
-    def __init__(self, robot: Robot, tolerance: TaskTolerance) -> None:
+    def __init__(self, robot: Robot, tolerance: TaskTolerance, locked: tuple[str, ...] = ()) -> None:
         self._robot = robot
-        self.configure(tolerance)
+        self.configure(tolerance, locked)
         self.solution: Array | None = None
         """Last theta_d, the initial value of the next one; None: start from the measured position."""
         self.converged = True
         """False when no solution near the last one was found; the best approximation is used."""
 
-    def configure(self, tolerance: TaskTolerance) -> None:
-        """Applies another tolerance; the next solution starts from the measured position."""
+    def configure(self, tolerance: TaskTolerance, locked: tuple[str, ...] = ()) -> None:
+        """Applies another tolerance and locked joints; the next solution starts from the measured position."""
+        self._is_locked = np.isin(self._robot.joints, locked)
         self._solver = PoseSolver(
             self._robot,
             eps_omega=1e-9,
@@ -61,6 +62,7 @@ class IkDifference:
             max_iterations=20,
             tolerance=tolerance,
             compared_searches=1,
+            locked=locked,
         )
         self.solution = None
 
@@ -77,7 +79,7 @@ class IkDifference:
             qd, (n,), rad/s (m/s).
         """
         pose_next = motion.pose_sd @ se3.exp(hold_s * motion.twist_d)
-        seed = q if self.solution is None else self.solution
+        seed = q if self.solution is None else np.where(self._is_locked, q, self.solution)
         result = self._solver.solve(pose_next, seed, restarts=0)
         self.solution, self.converged = result.q, result.converged
         return gain * self._robot.difference(q, result.q)

@@ -14,7 +14,7 @@ from ik_node.jit import compiled
 from ik_node.math.angles import joint_difference
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
-from ik_node.settings.groups import FollowSettings
+from ik_node.settings.follow import FollowSettings
 
 MIN_MOTION = 0.03
 """Commanded motion [rad or m] of a joint below which following is not evaluated."""

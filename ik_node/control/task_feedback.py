@@ -33,6 +33,7 @@ from ik_node.math.task_error import (
 )
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
+from ik_node.robot.locked_chain import free_joints
 from ik_node.robot.robot import Robot
 from ik_node.robot.task_rank import task_rank
 from ik_node.settings.groups import ControlSettings, Settings
@@ -112,10 +113,19 @@ class TaskFeedback:
         return ToleranceRows(self._robot, self._row_scale, self._form, pose_sd, self.swing_direction, self._borders)
 
 
-def task_note(robot: Robot, tolerance: TaskTolerance, proposes: bool) -> str:
-    """What of a task the arm cannot follow in general; empty for nothing. See :func:`task_rank` for ``proposes``."""
-    text = task_rank(robot, tolerance, proposes).text(tolerance)
-    return f"{text}; the deviation is the least one" if text else ""
+def task_note(robot: Robot, tolerance: TaskTolerance, locked: tuple[str, ...], proposes: bool) -> str:
+    """What of a task the arm cannot follow in general; empty for nothing.
+
+    Args:
+        robot: The arm.
+        tolerance: The task.
+        locked: Names of the locked joints.
+        proposes: See :func:`task_rank`.
+    """
+    free = free_joints(robot.joints, locked) if locked else None
+    text = task_rank(robot, tolerance, proposes, free).text(tolerance)
+    without = f"{', '.join(locked)} locked: " if locked else ""
+    return f"{without}{text}; the deviation is the least one" if text else ""
 
 
 def tolerance_of(task: TaskSettings) -> TaskTolerance:

@@ -17,8 +17,8 @@ from ik_node.control.off_direction_warning import MIN_RATIO, MIN_SPEED, NO_WARNI
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot, task_note
 from ik_node.differential_ik.own_methods import GivenMethods
-from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution
-from ik_node.differential_ik.solver import DifferentialIkSolver, SolverSnapshot
+from ik_node.differential_ik.solution import NO_TRUNCATION, ArmState, DifferentialIkSolution, SolverSnapshot
+from ik_node.differential_ik.solver import DifferentialIkSolver
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.snapshot import capture, restore
@@ -83,12 +83,13 @@ class VelocityController:
         """
         self._robot = robot
         self._settings = settings
-        self._control = settings.control
+        self._control, self._singular_below = settings.control, settings.singularity.threshold
         self._task = TaskFeedback(robot, settings)
-        self.task_note = task_note(robot, self._task.tolerance, proposes=True)
-        """What of the task the arm cannot follow in general; empty for nothing."""
         self.solver = DifferentialIkSolver(robot, settings, methods)
-        self._ik = IkDifference(robot, self._task.tolerance)
+        self._locked = settings.control.locked_joints
+        self.task_note = task_note(robot, self._task.tolerance, self._locked, proposes=True)
+        """What of the task the arm cannot follow in general; empty for nothing."""
+        self._ik = IkDifference(robot, self._task.tolerance, self._locked)
         self._integral = IntegralAction()
         self._smith_predictor = SmithPredictor(robot.n, settings.control)
         self.velocity = np.zeros(robot.n)
@@ -102,11 +103,14 @@ class VelocityController:
         """Applies changed settings; raises SettingsError, without any change, when limits do not match the robot."""
         self.solver.configure(settings)
         self._settings = settings
-        self._control = settings.control
-        if self._task.configure(settings):
+        self._control, self._singular_below = settings.control, settings.singularity.threshold
+        before, self._locked = self._locked, settings.control.locked_joints
+        is_other_task = self._task.configure(settings)
+        if is_other_task:
             self.solver.reset()
-            self._ik.configure(self._task.tolerance)
-            self.task_note = task_note(self._robot, self._task.tolerance, proposes=False)
+        if is_other_task or self._locked != before:
+            self._ik.configure(self._task.tolerance, self._locked)
+            self.task_note = task_note(self._robot, self._task.tolerance, self._locked, proposes=False)
         self._smith_predictor.configure(settings.control)
 
     def set_rate(self, rate_hz: float) -> None:
@@ -244,7 +248,7 @@ class VelocityController:
         if self._is_deferred(output):
             found.append(f"{DEFERRED}: the joints cannot follow it along its direction")
         if solution.singularity_scale < 0.99:
-            near = solution.singular_values[-1] < solver.singularity_threshold
+            near = solution.singular_values[-1] < self._singular_below
             found.append("slowed down near a singularity" if near else "slowed down ahead of joint limits")
         if solution.task_scale < solution.singularity_scale:
             found.append("slowed down by joint limits")

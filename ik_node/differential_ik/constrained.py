@@ -60,11 +60,13 @@ from ik_node.differential_ik.task_rows import TaskBands
 from ik_node.errors import InputError
 from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import JointBounds, cause
+from ik_node.robot.joint_limits import JointBounds, cause, relaxed
 
 Flags = NDArray[np.bool_]
+MIN_SLACK = 1e-9
+"""Slack from which a damper counts as relaxed, m/s."""
 
-OFF_DIRECTION = 1e-8
+MIN_OFF_DIRECTION = 1e-8
 """Components of J qd - s V_f up to this, m/s or rad/s, are rounding."""
 
 
@@ -101,7 +103,7 @@ class ConstrainedSolution(NamedTuple):
 
     def leaves_direction(self, twist: Array) -> bool:
         """True if the limits permit no multiple of ``twist`` (m,)."""
-        return bool(np.abs(self.attained - self.task_scale * twist).max() > OFF_DIRECTION)
+        return bool(np.abs(self.attained - self.task_scale * twist).max() > MIN_OFF_DIRECTION)
 
     def binding(
         self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None
@@ -128,6 +130,24 @@ def binding_names(
     names = [f"{cause(bounds, joint, not low)} {joints[joint]}" for joint, (low, high) in sides if low or high]
     names += [f"damper {name}" for name, active in zip(dampers, damper_active.tolist(), strict=False) if active]
     return tuple(names)
+
+
+def relaxed_names(
+    limited: ConstrainedSolution | None, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None
+) -> tuple[str, ...]:
+    """Names of the limits and dampers that were relaxed because stronger ones contradict them.
+
+    Args:
+        limited: The solution; None if no constraint was active.
+        bounds: Limits of this control step.
+        joints: Names of the joints.
+        dampers: Velocity dampers.
+    """
+    names = relaxed(bounds, joints)
+    if limited is None or dampers is None:
+        return names
+    indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
+    return (*names, *(f"damper {dampers.names[index]}" for index in indices))
 
 
 def solve(

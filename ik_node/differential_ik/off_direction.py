@@ -1,4 +1,4 @@
-"""Names of limits: those that force motion off the direction of the twist, and those that are relaxed.
+"""Motion off the direction of the twist: which limits cause it.
 
 The arm moves along V_f if the limits of the control step permit a multiple of it. If they permit none, r = J qd - s V_f
 remains, of least \\|D r\\|. Its gradient J' D^2 r is zero for the joints inside their bounds; a bound whose gradient
@@ -10,12 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from ik_node.collision.velocity_damper import VelocityDampers
-from ik_node.differential_ik.constrained import OFF_DIRECTION, ConstrainedSolution
+from ik_node.differential_ik.constrained import MIN_OFF_DIRECTION, ConstrainedSolution
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import JointBounds, cause, relaxed
-
-MIN_SLACK = 1e-9
-"""Slack from which a damper counts as relaxed, m/s."""
+from ik_node.robot.joint_limits import JointBounds, cause
 
 MIN_EFFECT = 1e-3
 """A limit whose gradient is a smaller fraction of the largest one is not named."""
@@ -24,7 +21,7 @@ MIN_EFFECT = 1e-3
 def limits_off_direction(
     off_direction: Array,
     limited: ConstrainedSolution | None,
-    scaled_jacobian: Array,
+    jacobian: Array,
     row_scale: Array,
     bounds: JointBounds,
     joints: tuple[str, ...],
@@ -37,14 +34,15 @@ def limits_off_direction(
     Args:
         off_direction: r = J qd - s V_f, (6,).
         limited: The solution under limits; None if no limit was active.
-        scaled_jacobian: D J, (6, n).
+        jacobian: J, (6, n).
         row_scale: D, (6,).
         bounds: Limits of this control step.
         joints: Names of the joints.
         dampers: Velocity dampers.
     """
-    if limited is None or np.abs(off_direction).max() <= OFF_DIRECTION:
+    if limited is None or np.abs(off_direction).max() <= MIN_OFF_DIRECTION:
         return ()
+    scaled_jacobian = row_scale[:, None] * jacobian
     gradient = scaled_jacobian.T @ (row_scale * off_direction)
     effect = np.where(limited.at_lower, gradient, 0.0) - np.where(limited.at_upper, gradient, 0.0)
     effect = np.where(limited.at_lower & limited.at_upper, np.abs(gradient), effect)
@@ -56,14 +54,3 @@ def limits_off_direction(
     if dampers is not None:
         names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(limited.damper_active).tolist()]
     return tuple(names) or limited.binding(bounds, joints, dampers)
-
-
-def relaxed_limits(
-    bounds: JointBounds, joints: tuple[str, ...], limited: ConstrainedSolution | None, dampers: VelocityDampers | None
-) -> tuple[str, ...]:
-    """Names of limits and dampers that are relaxed because stronger ones contradict them."""
-    names = relaxed(bounds, joints)
-    if limited is None or dampers is None:
-        return names
-    indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
-    return (*names, *(f"damper {dampers.names[index]}" for index in indices))

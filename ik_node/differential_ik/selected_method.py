@@ -64,6 +64,23 @@ class SelectedMethod:
         """Status text about a fault; empty without one."""
         return f"{self.fault}; continued with plain" if self.fault else ""
 
+    def without_effect(self, unavailable: str, joints: int, exact: int) -> str:
+        """Reason why the gradient has no effect; empty if it has.
+
+        Args:
+            unavailable: Why no distances are computed; empty if they are.
+            joints: Number of joints that move.
+            exact: Number of components that are followed exactly.
+        """
+        if self.avoids_obstacles:
+            if unavailable:
+                return f"{self._name} has no effect, no distances are computed: {unavailable}"
+            if joints <= exact:
+                return f"{self._name} has no effect: {joints} joints and {exact} exact components, no null space"
+        if self._obstacles.posture_weight > 0.0 and not self._obstacles.posture:
+            return "obstacles.posture_weight has no effect: obstacles.posture is empty"
+        return ""
+
     def fail(self, reason: str) -> None:
         """Replaces the own method by ``plain``; without effect for a built-in one."""
         if self._own is not None and not self.fault:

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.collision.distances import ClosestPair
-from ik_node.errors import InputError
+from ik_node.differential_ik.singularity import START, SingularityState
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import ROUNDING, JointBounds
 
 NO_TRUNCATION = np.zeros(6)
 """V - V_f if nothing is truncated; shared, must not be modified."""
@@ -68,16 +67,16 @@ class DifferentialIkSolution(NamedTuple):
         return self.task_scale * (1.0 - self.present_share)
 
 
-def within_velocity_limits(velocity: Array, bounds: JointBounds) -> Array:
-    """The last check: ``velocity`` (n,) is finite, and clipped to the velocity limits.
+class SolverSnapshot(NamedTuple):
+    """State of the solver from one control step to the next."""
 
-    Raises:
-        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
-            the arm has to stop.
-    """
-    if not np.isfinite(velocity).all():
-        raise InputError(f"the computed joint velocity is not finite: {velocity}")
-    clipped = np.minimum(np.maximum(velocity, -bounds.velocity), bounds.velocity)
-    if np.abs(clipped - velocity).max() > ROUNDING:
-        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
-    return clipped
+    singularity: SingularityState
+    task_scale: float
+    """s of the limits."""
+    stalled_s: float
+    """For how long limits or a singularity have been keeping the arm from its twist, s."""
+    method_fault: str = ""
+    """Fault of the own method."""
+
+
+INITIAL = SolverSnapshot(START, 1.0, 0.0)

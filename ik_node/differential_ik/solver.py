@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ik_node.collision.avoidance import AvoidanceTerms
 from ik_node.collision.distances import ClosestPair
 from ik_node.collision.monitor import CollisionMonitor
-from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
-from ik_node.differential_ik.constrained import ConstrainedSolution
+from ik_node.differential_ik.constrained import relaxed_names
 from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, is_truncated, release_direction, stalled_time
 from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
+from ik_node.differential_ik.locked_joints import FreeJoints, FreeRows
 from ik_node.differential_ik.manipulability import manipulability_potential
-from ik_node.differential_ik.off_direction import limits_off_direction, relaxed_limits
+from ik_node.differential_ik.off_direction import limits_off_direction
 from ik_node.differential_ik.own_methods import GivenMethods
 from ik_node.differential_ik.selected_method import SelectedMethod
-from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
-from ik_node.differential_ik.solution import (
-    NO_TRUNCATION,
-    ArmState,
-    DifferentialIkSolution,
-    within_velocity_limits,
-)
+from ik_node.differential_ik.singularity import START, RegulatedTask, regulate_singularities
+from ik_node.differential_ik.solution import INITIAL, NO_TRUNCATION, ArmState, DifferentialIkSolution, SolverSnapshot
 from ik_node.differential_ik.task_problem import MULTIPLIER_FADE_M, TaskProblem
 from ik_node.differential_ik.task_rows import TaskRows
-from ik_node.differential_ik.twist_change import gradual_twist
+from ik_node.differential_ik.twist_change import solve_gradually
 from ik_node.differential_ik.viable_scale import Prediction, viable_scale
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import ROUNDING, JointBounds, joint_bounds, largest_change, motion_limits
+from ik_node.robot.joint_limits import (
+    ROUNDING,
+    JointBounds,
+    MotionLimits,
+    joint_bounds,
+    largest_change,
+    motion_limits,
+    within_velocity_limits,
+)
+from ik_node.robot.locked_chain import free_joints
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 
@@ -44,21 +46,6 @@ OTHER_SPEED_FRACTION = 0.3
 
 ESCAPE_N = 100.0
 """Force of the potential that leads an arm out of a singularity along its null space."""
-
-
-class SolverSnapshot(NamedTuple):
-    """State of the solver from one control step to the next."""
-
-    singularity: SingularityState
-    task_scale: float
-    """s of the limits."""
-    stalled_s: float
-    """For how long limits or a singularity have been keeping the arm from its twist, s."""
-    method_fault: str = ""
-    """Fault of the own method."""
-
-
-INITIAL = SolverSnapshot(START, 1.0, 0.0)
 
 
 class DifferentialIkSolver:
@@ -81,29 +68,42 @@ class DifferentialIkSolver:
         self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
         self.method = SelectedMethod(robot, settings, methods)
         self._snapshot = INITIAL
-        self._no_rows, self._no_limits = np.zeros((0, robot.n)), np.zeros(0)
+        self._no_limits = np.zeros(0)
+        self._locked: tuple[str, ...] = ()
         self.configure(settings)
 
     def configure(self, settings: Settings) -> None:
         """Replaces the settings.
 
         Raises:
-            SettingsError: The limits or the method do not fit the robot; nothing has changed then.
+            SettingsError: The limits, the method or the locked joints do not fit the robot; nothing has changed then.
         """
+        free = free_joints(self._robot.joints, settings.control.locked_joints)
         limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         self.method.configure(settings)
-        self.limits = limits
         self._velocity_limit = limits.velocity
         self.collision_monitor.configure(settings.obstacles)
         self._control = settings.control
-        self._obstacles = settings.obstacles
         self._singularity = settings.singularity
         self._exact = settings.task.tolerance.count(0.0)
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self.method.avoids_obstacles else OTHER_SPEED_FRACTION
-        self._null_space_cap = np.full(self._robot.n, fraction * settings.control.null_space_speed)
+        self._null_space_cap = np.full(len(free), fraction * settings.control.null_space_speed)
         self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
-        self._per_joint = stacked_limits(self.limits, self._null_space_cap)
+        self._joints = tuple(self._robot.joints[index] for index in free)
+        """Joints of the problem; those that are not locked."""
+        self._free = FreeJoints(self._robot.joints, free) if len(free) < self._robot.n else None
+        self._no_rows = np.zeros((0, len(free)))
+        self._set_limits(limits)
+        if set(self._locked) != set(settings.control.locked_joints):
+            self._locked = settings.control.locked_joints
+            self.reset()
+
+    def _set_limits(self, limits: MotionLimits) -> None:
+        self.limits = limits
+        self._own_limits = limits if self._free is None else self._free.limits(limits)
+        """Of the joints of the problem."""
+        self._per_joint = stacked_limits(self._own_limits, self._null_space_cap)
 
     def exceeding(self, velocity: Array) -> NDArray[np.bool_]:
         """(n,), bool: joints whose velocity (n,), rad/s (m/s), is over a velocity limit that was lowered."""
@@ -125,8 +125,7 @@ class DifferentialIkSolver:
             limit = np.where(exceeding, np.maximum(limit, np.abs(previous) - change), limit)
         elif self.limits.velocity is limit:
             return
-        self.limits = self.limits._replace(velocity=limit)
-        self._per_joint = stacked_limits(self.limits, self._null_space_cap)
+        self._set_limits(self.limits._replace(velocity=limit))
 
     def capture(self) -> SolverSnapshot:
         """The state, for :meth:`restore`."""
@@ -142,22 +141,9 @@ class DifferentialIkSolver:
         self._snapshot = INITIAL
 
     @property
-    def singularity_threshold(self) -> float:
-        """Singular value below which singularities are regulated, m."""
-        return self._singularity.threshold
-
-    @property
     def without_effect(self) -> str:
         """Reason why the gradient of the method has no effect; empty if it has."""
-        if self.method.avoids_obstacles:
-            name = self._control.method
-            if self.collision_monitor.unavailable:
-                return f"{name} has no effect, no distances are computed: {self.collision_monitor.unavailable}"
-            if self._robot.n <= self._exact:
-                return f"{name} has no effect: {self._robot.n} joints and {self._exact} exact components, no null space"
-        if self._obstacles.posture_weight > 0.0 and not self._obstacles.posture:
-            return "obstacles.posture_weight has no effect: obstacles.posture is empty"
-        return ""
+        return self.method.without_effect(self.collision_monitor.unavailable, len(self._joints), self._exact)
 
     def solve_twist(
         self, state: ArmState, twist_b: Array, rows: TaskRows | None = None, *, foresight: bool = False
@@ -168,26 +154,53 @@ class DifferentialIkSolver:
             state: State of the arm.
             twist_b: V, (6,), in {b}, linear part first, m/s and rad/s.
             rows: Which part of it is followed, and the bands; None for the whole pose.
-            foresight: True: s and V_f are those that the joints can follow ahead and in time
-                (:mod:`ik_node.differential_ik.viable_scale`, :mod:`ik_node.differential_ik.twist_change`), for the
-                whole pose. False: the limits of this control step alone decide.
+            foresight: Of the whole pose, s and V_f are those that the joints can follow ahead and in time
+                (:mod:`~ik_node.differential_ik.viable_scale`, :mod:`~ik_node.differential_ik.twist_change`).
 
         Raises:
             InputError: There is no finite solution.
         """
         terms = self._avoidance_terms(state, self.method.avoids_obstacles)
         rows = self._whole_pose if rows is None else rows
-        jacobian, row_scale, twist = rows.place(state.q_middle), rows.row_scale, rows.twist(twist_b)
+        jacobian, twist = rows.place(state.q_middle), rows.twist(twist_b)
         repulsion = None if terms is None else terms.potential.gradient
         weight, gradient = self.method.cost(state.q_middle, state.q, repulsion)
-        gain = 0.0 if gradient is None else self._control.gradient_gain
-        order = self._robot.chain_order if foresight and rows is self._whole_pose else NO_ORDER
+        free = self._free
+        if free is None:
+            order = self._robot.chain_order if foresight and rows is self._whole_pose else NO_ORDER
+            return self._solve(state, rows, jacobian, twist, weight, gradient, terms, order)
+        ramp = free.ramp(state, self.limits)
+        ramp_twist = jacobian @ ramp
+        found = self._solve(
+            free.state(state),
+            FreeRows(rows, free, state, ramp),
+            free.columns(jacobian),
+            twist - ramp_twist,
+            None if weight is None else free.columns(weight[free.free]),
+            None if gradient is None else gradient[free.free],
+            free.terms(terms, ramp),
+        )
+        return free.solution(found, ramp, rows.body_twist(ramp_twist))
+
+    def _solve(
+        self,
+        state: ArmState,
+        rows: TaskRows,
+        jacobian: Array,
+        twist: Array,
+        weight: Array | None,
+        gradient: Array | None,
+        terms: AvoidanceTerms | None,
+        order: NDArray[np.int64] = NO_ORDER,
+    ) -> DifferentialIkSolution:
+        """The solution for the joints of the problem; all arguments are those of these joints."""
+        row_scale, gain = rows.row_scale, 0.0 if gradient is None else self._control.gradient_gain
         fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms, order)
         if fast is not None:
             return fast
-        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
+        bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
         task = self._regulated(rows, state, jacobian, twist, bounds)
-        if task.retention < 1.0 and task.state.branch is None and self._robot.n > len(twist):
+        if task.retention < 1.0 and task.state.branch is None and len(self._joints) > len(twist):
             # The null space leads the arm away from the singularity that it started in.
             force = (1.0 - task.retention) * ESCAPE_N
             away = manipulability_potential(rows.jacobian, state.q_middle, row_scale, force).gradient
@@ -201,19 +214,10 @@ class DifferentialIkSolver:
         if len(order):
             ahead = Prediction(jacobian, order, row_scale, twist, self._singularity.tolerance, task.kept)
             wish = min(wish, viable_scale(ahead, state.q, state.previous, self.limits))
-        closed = problem.closed_form(wish * task.twist)
-        limited = problem.solve(task.twist, wish, closed, bounds, dampers)
-        truncated, deferred_b, share = task.truncated, NO_TRUNCATION, 0.0
-        scale = wish if limited is None else limited.task_scale
-        gradual = len(order) > 0 and self._snapshot.stalled_s <= TIMEOUT_S
-        if gradual and limited is not None and limited.leaves_direction(task.twist):
-            change = gradual_twist(problem.svd, jacobian, task.twist, row_scale, wish, state.previous, bounds)
-            if change is not None:
-                share, deferred_b = change.present_share, task.twist - change.twist
-                truncated = truncated + deferred_b
-                closed = problem.closed_form(change.scale * change.twist)
-                limited = problem.solve(change.twist, change.scale, closed, bounds, dampers)
-                scale = change.scale if limited is None else limited.task_scale
+        previous = state.previous if len(order) and self._snapshot.stalled_s <= TIMEOUT_S else None
+        found = solve_gradually(problem, jacobian, task.twist, wish, previous, bounds, dampers)
+        closed, limited, scale, deferred, share = found
+        truncated = task.truncated + deferred
         progress = (1.0 - share) * scale
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
             closed = problem.with_faded_multipliers(closed, jacobian, twist)
@@ -224,7 +228,7 @@ class DifferentialIkSolver:
         velocity = closed.joint_velocity if limited is None else limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
-        velocity = within_velocity_limits(velocity, bounds)
+        velocity = within_velocity_limits(velocity, bounds.velocity)
         if stalled_s > TIMEOUT_S and is_truncated(twist, task.twist, row_scale):  # V_f has no direction to keep
             scale, truncated = 1.0, twist - jacobian @ velocity
         off_direction = jacobian @ velocity - scale * (twist - truncated)
@@ -235,14 +239,14 @@ class DifferentialIkSolver:
             wish,
             rows.body_twist(truncated),
             rows.body_twist(off_direction),
-            self._limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, dampers),
+            limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, self._joints, dampers),
             rows.wrench(closed.multiplier_task),
             rows.wrench(closed.multiplier_potential),
             rows.all_singular_values(task.singular_values),
-            active if limited is None else (*limited.binding(bounds, self._robot.joints, dampers), *active),
-            relaxed_limits(bounds, self._robot.joints, limited, dampers),
+            active if limited is None else (*limited.binding(bounds, self._joints, dampers), *active),
+            relaxed_names(limited, bounds, self._joints, dampers),
             NO_PAIR if terms is None else terms.closest,
-            deferred_b,
+            deferred if share > 0.0 else NO_TRUNCATION,
             share,
         )
 
@@ -259,7 +263,7 @@ class DifferentialIkSolver:
             twist,
             state.previous,
             bounds,
-            self.limits,
+            self._own_limits,
             rows.row_scale,
             self._singularity,
             self._snapshot.singularity,
@@ -270,7 +274,13 @@ class DifferentialIkSolver:
     def twist_of(self, state: ArmState, velocity: Array, rows: TaskRows | None = None) -> Array:
         """The followed part of the body twist (6,) of a joint velocity (n,), rad/s (m/s)."""
         rows = self._whole_pose if rows is None else rows
-        return rows.body_twist(rows.place(state.q_middle) @ velocity)
+        return rows.body_twist(rows.place(state.q_middle) @ self._with_ramp(state, velocity))
+
+    def _with_ramp(self, state: ArmState, velocity: Array) -> Array:
+        """``velocity`` (n,) with the velocities that locked joints have in this control step."""
+        if self._free is None:
+            return velocity
+        return self._free.all_joints(velocity[self._free.free], self._free.ramp(state, self.limits))
 
     def solve_velocity(self, state: ArmState, velocity: Array, rows: TaskRows | None = None) -> DifferentialIkSolution:
         """The largest multiple of a joint velocity, up to 1, that limits and dampers permit.
@@ -286,27 +296,33 @@ class DifferentialIkSolver:
             InputError: There is no finite solution.
         """
         terms = self._avoidance_terms(state, False)
-        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
-        dampers = None if terms is None else terms.dampers
-        limited = constrained.solve(np.eye(self._robot.n), velocity, bounds.lo, bounds.hi, dampers=dampers)
         rows = self._whole_pose if rows is None else rows
-        jacobian, row_scale = rows.place(state.q_middle), rows.row_scale
-        command, unknown = within_velocity_limits(limited.joint_velocity, bounds), np.full(6, np.nan)
+        jacobian, row_scale, free = rows.place(state.q_middle), rows.row_scale, self._free
+        ramp_twist, ramp = np.zeros(len(jacobian)), np.zeros(self._robot.n)
+        if free is not None:
+            ramp = free.ramp(state, self.limits)
+            ramp_twist, state, terms = jacobian @ ramp, free.state(state), free.terms(terms, ramp)
+            jacobian, velocity = free.columns(jacobian), velocity[free.free]
+        bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
+        dampers = None if terms is None else terms.dampers
+        limited = constrained.solve(np.eye(len(self._joints)), velocity, bounds.lo, bounds.hi, dampers=dampers)
+        command, unknown = within_velocity_limits(limited.joint_velocity, bounds.velocity), np.full(6, np.nan)
         off_direction = jacobian @ (command - limited.task_scale * velocity)
-        return DifferentialIkSolution(
+        found = DifferentialIkSolution(
             command,
             limited.task_scale,
             1.0,
             NO_TRUNCATION,
             rows.body_twist(off_direction),
-            self._limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, dampers),
+            limits_off_direction(off_direction, limited, jacobian, row_scale, bounds, self._joints, dampers),
             unknown,
             unknown,
             rows.all_singular_values(np.asarray(np.linalg.svd(row_scale[:, None] * jacobian, compute_uv=False))),
-            limited.binding(bounds, self._robot.joints, dampers),
-            relaxed_limits(bounds, self._robot.joints, limited, dampers),
+            limited.binding(bounds, self._joints, dampers),
+            relaxed_names(limited, bounds, self._joints, dampers),
             NO_PAIR if terms is None else terms.closest,
         )
+        return found if free is None else free.solution(found, ramp, rows.body_twist(ramp_twist))
 
     def _solve_fast(
         self,
@@ -331,8 +347,8 @@ class DifferentialIkSolver:
             NO_GRADIENT if gradient is None else gradient,
             gain,
             self._per_joint,
-            self.limits.dt_max_s,
-            self.limits.recovery_speed,
+            self._own_limits.dt_max_s,
+            self._own_limits.recovery_speed,
             state.q,
             state.previous,
             state.elapsed_s,
@@ -369,11 +385,11 @@ class DifferentialIkSolver:
         )
 
     def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
-        bounds = joint_bounds(self.limits, state.q, state.previous, state.elapsed_s)
-        n, sides = self._robot.n, fast.sides
+        bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
+        n, sides = len(self._joints), fast.sides
         dampers = () if terms is None else terms.dampers.names
         lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
-        return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._robot.joints, dampers)
+        return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._joints, dampers)
 
     def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
         limits = self.limits
@@ -382,15 +398,3 @@ class DifferentialIkSolver:
 
     def _stalled_time(self, twist: Array, fraction: float, elapsed_s: float) -> float:
         return stalled_time(self._snapshot.stalled_s, fraction, float(np.abs(twist).max()), elapsed_s)
-
-    def _limits_off_direction(
-        self,
-        off_direction: Array,
-        limited: ConstrainedSolution | None,
-        jacobian: Array,
-        row_scale: Array,
-        bounds: JointBounds,
-        dampers: VelocityDampers | None,
-    ) -> tuple[str, ...]:
-        scaled, joints = row_scale[:, None] * jacobian, self._robot.joints
-        return limits_off_direction(off_direction, limited, scaled, row_scale, bounds, joints, dampers)

@@ -16,8 +16,12 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 
+from ik_node.collision.velocity_damper import VelocityDampers
+from ik_node.differential_ik.closed_form import ClosedFormSolution
+from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.exact_program import BINDING, task_line
 from ik_node.differential_ik.quadratic_program import PRIMAL_TOLERANCE, SOLVED, UNLIMITED
+from ik_node.differential_ik.task_problem import TaskProblem
 from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds
@@ -35,6 +39,53 @@ class GradualTwist(NamedTuple):
     """s = alpha + beta."""
     present_share: float
     """alpha / s."""
+
+
+class GradualSolution(NamedTuple):
+    """The optimum for V_f."""
+
+    closed: ClosedFormSolution
+    limited: ConstrainedSolution | None
+    """None if no limit is active."""
+    scale: float
+    """s."""
+    deferred: Array
+    """V - V_f, (m,), in the frame of J."""
+    present_share: float
+    """alpha / s; 0 if V_f = V."""
+
+
+def solve_gradually(
+    problem: TaskProblem,
+    jacobian: Array,
+    twist: Array,
+    wish: float,
+    previous: Array | None,
+    bounds: JointBounds,
+    dampers: VelocityDampers | None,
+) -> GradualSolution:
+    """The optimum under limits for V, or for the V_f that the joints can follow if the limits permit no multiple of V.
+
+    Args:
+        problem: Task, cost and decomposition of J.
+        jacobian: J, (m, n).
+        twist: V, (m,), in the frame of J.
+        wish: Largest s.
+        previous: The present command, (n,), rad/s (m/s); None to change V_f at once.
+        bounds: Limits of this control step.
+        dampers: Velocity dampers.
+    """
+    closed = problem.closed_form(wish * twist)
+    limited = problem.solve(twist, wish, closed, bounds, dampers)
+    scale, change = wish if limited is None else limited.task_scale, None
+    if previous is not None and limited is not None and limited.leaves_direction(twist):
+        change = gradual_twist(problem.svd, jacobian, twist, problem.row_scale, wish, previous, bounds)
+    if change is None:
+        return GradualSolution(closed, limited, scale, np.zeros(len(twist)), 0.0)
+    closed = problem.closed_form(change.scale * change.twist)
+    limited = problem.solve(change.twist, change.scale, closed, bounds, dampers)
+    scale = change.scale if limited is None else limited.task_scale
+    return GradualSolution(closed, limited, scale, twist - change.twist, change.present_share)
 
 
 def gradual_twist(

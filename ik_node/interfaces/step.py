@@ -183,7 +183,7 @@ class Step(NamedTuple):
         Quantity(
             Kind.SINGULAR_VALUES,
             "Singular values of the followed rows of J_b, angular ones times the characteristic length, descending; "
-            "NaN for the missing ones of a task with a tolerance.",
+            "NaN for the missing ones of a task with a tolerance or of locked joints.",
             "m",
         ),
     ]

@@ -19,11 +19,13 @@ towards the seed as far as the task permits (:mod:`ik_node.inverse_kinematics.le
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from ik_node.errors import InputError
 from ik_node.inverse_kinematics.least_motion import moved_towards, nearest_turns
 from ik_node.inverse_kinematics.newton_raphson import PoseSolution, TerminationReason, pose_iterate
 from ik_node.math import se3
@@ -32,6 +34,7 @@ from ik_node.math.quaternion import Vector
 from ik_node.math.task_error import NO_DIRECTION, excess, task_deviation
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
+from ik_node.robot.locked_chain import LockedChain, free_joints
 from ik_node.robot.screw_chain import KinematicChain, finite_range, wrap_into_limits
 
 DAMPING = 0.03
@@ -73,6 +76,7 @@ class PoseSolver:
         max_iterations: int = 3000,
         tolerance: TaskTolerance = WHOLE_POSE,
         compared_searches: int = COMPARED_SEARCHES,
+        locked: Sequence[str] = (),
     ) -> None:
         """Prepares the searches.
 
@@ -86,14 +90,19 @@ class PoseSolver:
             tolerance: Which part of the pose matters; default: the whole pose.
             compared_searches: Number of solutions that are compared, with a tolerance and a seed; 1 takes the first
                 one as it is, for a control loop.
+            locked: Names of joints that stay at the positions of the seed.
 
         Raises:
-            InputError: An accuracy or count is not positive.
+            InputError: An accuracy or count is not positive, or joints are to be locked and the chain has no names.
+            SettingsError: ``locked`` has the name of no joint, or all of them.
         """
         check_positive(eps_omega=eps_omega, eps_v=eps_v)
         check_count(
             1, search_iterations=search_iterations, max_iterations=max_iterations, compared_searches=compared_searches
         )
+        if locked and not hasattr(chain, "joints"):
+            raise InputError("locked joints are given by name, which only a Robot has")
+        self._free = free_joints(chain.joints, locked) if locked else None  # type: ignore[attr-defined]
         self.chain = chain
         self.eps_omega, self.eps_v = eps_omega, eps_v
         self.search_iterations, self.max_iterations = search_iterations, max_iterations
@@ -125,6 +134,8 @@ class PoseSolver:
         target = se3.checked_pose(pose_sd, "pose_sd")
         first = None if seed is None else checked_vector(seed, self.chain.n, "seed")
         check_count(restarts=restarts or 0)
+        if self._free is not None:
+            return self._solve_locked(self._free, target, first, restarts)
         best = self._search(target, self.start(0) if first is None else first, self._allowance(0))
         used, searches = len(best.rows) - 1, 1
         compared = self._compared_searches if first is not None and self._form is not None else 1
@@ -145,6 +156,26 @@ class PoseSolver:
             used += steps
         iterates = tuple(pose_iterate(*row) for row in best.rows)
         return PoseSolution(best.reason is TerminationReason.CONVERGED, best.reason, best.q, iterates, used, searches)
+
+    def _solve_locked(
+        self, free: NDArray[np.intp], target: Array, seed: Array | None, restarts: int | None
+    ) -> PoseSolution:
+        """The solution for the joints that are not locked, with the others at the seed."""
+        if seed is None:
+            raise InputError("locked joints need a seed, at whose positions they stay")
+        chain = LockedChain(self.chain, free, seed)
+        solver = PoseSolver(
+            chain,
+            eps_omega=self.eps_omega,
+            eps_v=self.eps_v,
+            search_iterations=self.search_iterations,
+            max_iterations=self.max_iterations,
+            tolerance=self.tolerance,
+            compared_searches=self._compared_searches,
+        )
+        found = solver.solve(target, seed[free], restarts=restarts)
+        iterates = tuple(entry._replace(theta=chain.all_joints(entry.theta)) for entry in found.iterates)
+        return found._replace(q=chain.all_joints(found.q), iterates=iterates)
 
     def _allowance(self, used: int) -> int:
         return min(self.search_iterations, self.max_iterations - used)
@@ -253,6 +284,7 @@ def solve_pose(
     eps_omega: float = 1e-6,
     eps_v: float = 1e-6,
     tolerance: TaskTolerance = WHOLE_POSE,
+    locked: Sequence[str] = (),
 ) -> PoseSolution:
     """Joint positions within their limits for a pose; :class:`PoseSolver` is faster for many poses of one arm.
 
@@ -265,12 +297,14 @@ def solve_pose(
         eps_v: Accuracy of the position, m.
         tolerance: Which part of the pose matters; default: the whole pose. With a seed, the solution of least motion
             from it among several searches is returned.
+        locked: Names of joints that stay at the positions of the seed.
 
     Returns:
         The result; ``converged`` states whether ``q`` reaches the pose within the tolerance.
 
     Raises:
         InputError: ``pose_sd`` is more than 1e-3 away from SE(3) or not finite, or another argument is invalid.
+        SettingsError: ``locked`` has the name of no joint, or all of them.
     """
-    solver = PoseSolver(chain, eps_omega=eps_omega, eps_v=eps_v, tolerance=tolerance)
+    solver = PoseSolver(chain, eps_omega=eps_omega, eps_v=eps_v, tolerance=tolerance, locked=locked)
     return solver.solve(pose_sd, seed, restarts=restarts)

@@ -38,7 +38,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ik_node.errors import SettingsError
+from ik_node.errors import InputError, SettingsError
 from ik_node.jit import compiled, elementwise
 from ik_node.math.types import Array
 from ik_node.robot.description import JointRecord
@@ -340,3 +340,18 @@ def relaxed(bounds: JointBounds, joints: tuple[str, ...]) -> tuple[str, ...]:
     acceleration = (bounds.reach_hi < bounds.lo - ROUNDING) | (bounds.reach_lo > bounds.hi + ROUNDING)
     names = [f"position {joints[index]}" for index in np.flatnonzero(position)]
     return (*names, *(f"acceleration {joints[index]}" for index in np.flatnonzero(acceleration)))
+
+
+def within_velocity_limits(velocity: Array, limit: Array) -> Array:
+    """The last check: ``velocity`` (n,), rad/s (m/s), is finite, and clipped to the velocity limits ``limit`` (n,).
+
+    Raises:
+        InputError: It is not finite or exceeds a limit by more than rounding. Either is a defect of this package, and
+            the arm has to stop.
+    """
+    if not np.isfinite(velocity).all():
+        raise InputError(f"the computed joint velocity is not finite: {velocity}")
+    clipped = np.minimum(np.maximum(velocity, -limit), limit)
+    if np.abs(clipped - velocity).max() > ROUNDING:
+        raise InputError(f"the computed joint velocity exceeds its limits: {velocity}")
+    return clipped

@@ -59,13 +59,16 @@ class TaskRank(NamedTuple):
         return f"{fact}; proposed tolerance: {self.proposal.text()} in the frame {self.proposal.frame}"
 
 
-def task_rank(chain: KinematicChain, tolerance: TaskTolerance, proposes: bool = True) -> TaskRank:
+def task_rank(
+    chain: KinematicChain, tolerance: TaskTolerance, proposes: bool = True, free: NDArray[np.intp] | None = None
+) -> TaskRank:
     """Computes which exact components an arm can follow in general.
 
     Args:
         chain: A Robot or a ScrewChain.
         tolerance: The task.
         proposes: False to compute the rank alone, in 1 ms; a proposal takes 20 ms.
+        free: Indices of the joints that move, (f,); default: all. The others are locked, at any position.
 
     Returns:
         The rank, and a proposal if it is less than the number of exact components: in either frame, the choice of exact
@@ -79,7 +82,8 @@ def task_rank(chain: KinematicChain, tolerance: TaskTolerance, proposes: bool = 
 
     def rows(task: TaskTolerance) -> Array:
         form = task.form
-        return np.array([(task_deviation(form, pose, pose).rows_b @ jacobian) * scale for pose, jacobian in kinematics])
+        found = [(task_deviation(form, pose, pose).rows_b @ jacobian) * scale for pose, jacobian in kinematics]
+        return np.array(found) if free is None else np.array(found)[:, :, free]
 
     exact = np.flatnonzero(tolerance.exact)
     values = _medians(rows(tolerance)[:, exact]) if len(exact) else np.empty(0)

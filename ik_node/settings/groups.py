@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
 
+from ik_node.settings.follow import FollowSettings
 from ik_node.settings.method_names import METHOD_NAMES, OWN_NAMES, check_method_names
 from ik_node.settings.names import check_names
 from ik_node.settings.recording import RecordingSettings
@@ -84,6 +85,9 @@ class ControlSettings(Group):
         "",
         1e-3,
         1e3,
+    )
+    locked_joints: tuple[str, ...] = setting(
+        (), "Joints that come to rest and stay there; the others follow the task without them.", element=str
     )
     gradient_gain: float = setting(
         0.02, "Gain k of the methods with a gradient; too large a gain is unstable.", "s", 0.0, 1.0
@@ -304,17 +308,6 @@ class StateSettings(Group):
 
 
 @dataclass(frozen=True)
-class FollowSettings(Group):
-    """Detection of a robot that does not follow its commands."""
-
-    prefix: ClassVar[str] = "follow"
-    enabled: bool = setting(True, "Detect a robot that does not follow its commands.")
-    min_ratio: float = setting(
-        0.5, "Minimum ratio of measured to commanded motion of a robot that follows.", "", 0.0, 1.0
-    )
-
-
-@dataclass(frozen=True)
 class Settings:
     """One of each group; immutable."""
 
@@ -328,7 +321,7 @@ class Settings:
     path: PathSettings = PathSettings()
     jog: JogSettings = JogSettings()
     state: StateSettings = StateSettings()
-    follow: FollowSettings = FollowSettings()
+    follow: FollowSettings = FollowSettings()  # noqa: RUF009 - frozen
     recording: RecordingSettings = RecordingSettings()  # noqa: RUF009 - frozen
 
     def flat(self) -> dict[str, Value]:

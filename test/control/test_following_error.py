@@ -8,7 +8,7 @@ from loop import make_robot
 
 from ik_node.control.following_error import FollowingErrorMonitor, FollowingErrorSnapshot
 from ik_node.recording.json_codec import from_json, to_json
-from ik_node.settings.groups import FollowSettings
+from ik_node.settings.follow import FollowSettings
 
 TICK_NS = 1_000_000
 

@@ -86,6 +86,14 @@ for tolerance in tolerances:
     loop.run(0.2)
     controller.on_target_twist(TwistSample(0, base, np.full(6, 0.05)), loop.now)
     loop.run(0.2)
+weights = tuple(1.0 + count for count in range(robot.n))
+values = {"locked_joints": robot.joints[-1:], "method": "joint_weighted", "joint_weights": weights}
+for changes in (values, {"task.tolerance": (0.0,) * 6}, {"control_law": "ik_difference"}, {"locked_joints": ()}):
+    loop.settings = loop.settings.with_values(changes)
+    controller.apply(loop.settings)
+    loop.follow(lambda time: begin, 0.3, 50.0)
+    controller.on_target_twist(TwistSample(0, base, np.full(6, 0.05)), loop.now)
+    loop.run(0.2)
 print(compiled, len(loop.steps), compilation_count() - before)
 """
 

@@ -24,7 +24,7 @@ from ik_node.report.document import draw_pages
 from ik_node.report.null_space import null_space_motion
 from ik_node.report.reported_run import read_reported_runs
 from ik_node.report.table import METHOD_LABELS, metric_rows
-from ik_node.settings.groups import METHOD_NAMES
+from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.trajectory.shapes import figure_of_eight
 
 BAG = PROJECT / "bags" / "plain"

@@ -78,7 +78,7 @@ class PathForesight:
         """Applies other settings."""
         self._limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
-        self._follows_whole_pose = not any(settings.task.tolerance)
+        self._is_predictable = not any(settings.task.tolerance) and not settings.control.locked_joints
 
     def updated(
         self, known: PathPrediction | None, path: PathTable, end_s: float, time_s: float, q: Array
@@ -93,9 +93,9 @@ class PathForesight:
             q: Measured joint positions, (n,), rad (m).
 
         Returns:
-            None for an arm or a task that cannot be predicted, or at the end of the path.
+            None for an arm or a task that is not predicted, with locked joints, or at the end of the path.
         """
-        if len(self._robot.chain_order) == 0 or not self._follows_whole_pose or time_s >= end_s:
+        if len(self._robot.chain_order) == 0 or not self._is_predictable or time_s >= end_s:
             return None
         if known is not None and not _is_valid(known, time_s, q, DRIFT):
             known = None

@@ -171,7 +171,7 @@ class PathTiming:
         """The search after the work of one control step."""
         if self._robot is None:
             raise InputError("a search for joint positions needs a robot")
-        return advanced_search(search, spline, self._robot)
+        return advanced_search(search, spline, self._robot, self._settings.control.locked_joints)
 
     def time_scaling(self, spline: RigidSpline, search: JointSearch | None) -> TimeScalingTable:
         """The time scaling, after a completed search."""
@@ -193,11 +193,16 @@ def begin_joint_search(spline: RigidSpline, q: Array) -> JointSearch:
     return JointSearch(tuple(places.tolist()), tuple(q.tolist()), ())
 
 
-def advanced_search(search: JointSearch, spline: RigidSpline, robot: Robot) -> JointSearch:
-    """The search with the joint positions of a few more points, each computed from the previous one."""
+def advanced_search(
+    search: JointSearch, spline: RigidSpline, robot: Robot, locked: tuple[str, ...] = ()
+) -> JointSearch:
+    """The search with the joint positions of a few more points, each computed from the previous one.
+
+    Locked joints stay where the search began.
+    """
     positions = search.positions
     if not positions:
-        solver = PoseSolver(robot)
+        solver = PoseSolver(robot, locked=locked)
         start = solver.solve(_pose(spline, search.places[0]), np.array(search.start), restarts=0).q
         return search._replace(positions=(tuple(start.tolist()),))
     found = np.array(positions[-1])
@@ -205,7 +210,7 @@ def advanced_search(search: JointSearch, spline: RigidSpline, robot: Robot) -> J
         target_pose = _pose(spline, place)
         for _ in range(CORRECTIONS):
             kinematics = robot.evaluate(found)
-            jacobian = kinematics.jacobian_b
+            jacobian = np.where(np.isin(robot.joints, locked), 0.0, kinematics.jacobian_b) if locked else kinematics[1]
             error = log(inverse(kinematics.pose_sb) @ target_pose)
             found = found + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), error)
         positions = (*positions, tuple(found.tolist()))

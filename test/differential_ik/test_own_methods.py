@@ -6,21 +6,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import own_method_samples as samples
 import pytest
+from independent_kinematics import Kinematics
 from loop import READY, Loop, make_robot
+from random_states import cases
 
 from ik_node.control.controller import Controller
 from ik_node.control.warm_up import warm_up
 from ik_node.differential_ik.own_methods import load_methods, source_digest
+from ik_node.differential_ik.solver import DifferentialIkSolver
+from ik_node.differential_ik.task_rows import BandBorders, ToleranceRows
 from ik_node.errors import SettingsError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.samples import JointSample
 from ik_node.interfaces.step import Level
+from ik_node.math import se3
+from ik_node.math.task_error import NO_DIRECTION
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
@@ -276,6 +285,46 @@ def test_after_a_fault_the_commands_are_those_of_plain(panda: Robot) -> None:
     assert "too slow; continued with plain" in loop.controller.status.reason
     loop.controller.reset()
     assert not loop.controller.method.fault
+
+
+def any_cost(robot: Robot, q: Array) -> Any:
+    """A valid cost that depends on q: W with condition numbers up to 1e16, gradients up to 1e8."""
+    rng = np.random.default_rng(crc32(q.tobytes()))
+    n = robot.n
+    directions = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    weight = (directions * 10.0 ** rng.uniform(-rng.choice([0.0, 8.0]), 0.0, n)) @ directions.T
+    size = np.sqrt(10.0 ** rng.uniform(-6.0, 3.0, n) / np.diagonal(weight))
+    weight *= np.outer(size, size)
+    return 0.5 * (weight + weight.T), rng.normal(size=n) * 10.0 ** rng.uniform(-3.0, 8.0)
+
+
+@pytest.mark.parametrize("widths", [(0.0,) * 6, (0.0, 0.0, 0.0, 0.0, 0.0, inf), (0.0, 0.0, 0.0, inf, inf, inf)])
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_whatever_the_cost_is_the_task_is_executed_as_with_plain(name: str, widths: tuple[float, ...]) -> None:
+    """Random states beside limits and singularities: the same s, and no more motion off the direction."""
+    robot, task, rng = make_robot(name), TaskTolerance(widths), np.random.default_rng(0)
+    kinematics = Kinematics(robot)
+    values = {"obstacles.self_collision": False, "gradient_gain": 1.0}
+    solver = DifferentialIkSolver(robot, settings("mine", "mine", **values), {"mine": any_cost})
+    source = cases(robot, kinematics, solver, rng)
+    case, others = next(source), 0
+    none = BandBorders(np.zeros(0, dtype=np.intp), np.zeros(0))
+    for _ in range(200):
+        target = np.ascontiguousarray(robot.pose(case.state.q_middle) @ se3.exp(rng.normal(size=6) * 0.05))
+        scale = np.repeat((1.0, 0.3), 3)
+        rows = None if task.is_exact else ToleranceRows(robot, scale, task.form, target, NO_DIRECTION, none)
+        before = solver.capture()
+        solver.method.fail("replaced by plain")
+        plain = solver.solve_twist(case.state, case.twist, rows)
+        solver.restore(before)
+        own = solver.solve_twist(case.state, case.twist, rows)
+        assert not solver.method.fault
+        assert own.task_scale >= plain.task_scale - 1e-9
+        off, plain_off = (np.abs(solution.off_direction_b).max() for solution in (own, plain))
+        assert off < plain_off + 1e-9
+        others += bool(np.abs(own.joint_velocity - plain.joint_velocity).max() > 1e-6)
+        case = source.send(own.joint_velocity)
+    assert others > 5 or robot.n == np.count_nonzero(task.exact)
 
 
 def test_a_snapshot_has_the_fault(panda: Robot) -> None:

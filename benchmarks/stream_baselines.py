@@ -37,7 +37,7 @@ from ik_node.targets.jerk_limited_filter import (
 )
 from ik_node.targets.stream.extrapolation import resting
 from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
-from ik_node.targets.stream.tracking_filter import BANDWIDTH, MAX_BANDWIDTH
+from ik_node.targets.stream.tracking_filter import cascade_gains
 
 
 class Follower(Protocol):
@@ -160,15 +160,17 @@ class LastSlope:
         goal = self._sample or tool
         age_s = min((time_ns - self._stamp_ns) / NS, 2.0 * self._sampling_clock.period_s)
         goal = integrate(goal, Jerk(ZERO, ZERO, age_s), age_s)
-        omega = min(BANDWIDTH / self._sampling_clock.period_s, MAX_BANDWIDTH)
+        linear_gains = cascade_gains(self._sampling_clock.period_s, 0)
+        angular_gains = cascade_gains(self._sampling_clock.period_s, 1)
         self._turn = orientation_error(goal.orientation, tool.orientation, self._turn)
         jerk = Jerk(
             cascade_jerk(
                 difference(goal.position, tool.position), tool.velocity, tool.acceleration, goal.velocity, ZERO,
-                omega, self._linear, hold_s,
+                *linear_gains, self._linear, hold_s,
             ),
             cascade_jerk(
-                self._turn, tool.rate, tool.angular_acceleration, goal.rate, ZERO, omega, self._angular, hold_s
+                self._turn, tool.rate, tool.angular_acceleration, goal.rate, ZERO,
+                *angular_gains, self._angular, hold_s,
             ),
             hold_s,
         )  # fmt: skip

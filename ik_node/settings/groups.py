@@ -269,7 +269,7 @@ class TargetSettings(Group):
         size=2,
     )
     max_jerk: tuple[float, float] = setting(
-        (500.0, 1000.0), "Maximum jerk of the reference motion [linear, angular].", "m/s3, rad/s3", 1.0, 1e5, size=2
+        (500.0, 4000.0), "Maximum jerk of the reference motion [linear, angular].", "m/s3, rad/s3", 1.0, 1e5, size=2
     )
 
 

@@ -22,9 +22,9 @@ class BoundFractions(NamedTuple):
     jerk: Pair
 
 
-JOG = BoundFractions((0.25, 0.4), (0.2, 0.32), (0.08, 0.16))
+JOG = BoundFractions((0.25, 0.4), (0.2, 0.32), (0.08, 0.04))
 """Jogging: 0.25 m/s and 1 rad/s at default settings."""
-APPROACH = BoundFractions((0.2, 0.32), (0.2, 0.32), (0.08, 0.16))
+APPROACH = BoundFractions((0.2, 0.32), (0.2, 0.32), (0.08, 0.04))
 """The way to a path: 0.2 m/s and 0.8 rad/s at default settings."""
 
 

@@ -2,17 +2,18 @@
 
 The motion is in R^3 x SO(3): the origin of {d} and its orientation relative to {s}, each with velocity and
 acceleration. It is a chain of three integrators with a jerk that is constant over a control interval, so acceleration
-is continuous for any goal. The jerk comes from a cascade with a triple pole at -omega ::
+is continuous for any goal. The jerk comes from a cascade ::
 
-    desired velocity      v_w = v_goal + sat(omega/3 e)
+    desired velocity      v_w = v_goal + sat(gain e)
     desired acceleration  a_w = sat(a_goal + omega (v_w - v))
     jerk                  j   = sat(3 omega (a_w - a))
 
 where e is the pose error and each level saturates at its own bound: a smooth variant of the nonlinear filters of
 Zanasi, Guarino Lo Bianco and Tonielli ("Nonlinear filters for the generation of smooth trajectories", Automatica 36,
 2000). Vectors saturate by length, so that an approach from rest is a straight line. Without saturation the error obeys
-e''' + 3 omega e'' + 3 omega^2 e' + omega^3 e = jerk of the goal: goals of constant acceleration are followed without
-error.
+e''' + 3 omega e'' + 3 omega^2 e' + 3 omega^2 gain e = jerk of the goal: goals of constant acceleration are followed
+without error. With gain = omega / 3 there is a triple pole at -omega; a smaller gain corrects errors more slowly at the
+same response to the velocity of the goal.
 
 Why not the library Ruckig: the filter is compiled into the control step, its bounds change during the motion, it bounds
 the length of vectors instead of each axis, and a replay must reproduce its results bit for bit.
@@ -157,6 +158,7 @@ def cascade_jerk(
     acceleration: Vector,
     goal_velocity: Vector,
     goal_acceleration: Vector,
+    gain: float,
     omega: float,
     bounds: Bounds,
     dt: float,
@@ -173,7 +175,8 @@ def cascade_jerk(
         acceleration: Present acceleration.
         goal_velocity: Velocity of the goal.
         goal_acceleration: Acceleration of the goal.
-        omega: Triple pole [rad/s].
+        gain: Gain of the error [1/s].
+        omega: Gain of the velocity [1/s], at least ``gain``; a third of that of the acceleration.
         bounds: Bounds.
         dt: Control interval [s].
 
@@ -182,9 +185,8 @@ def cascade_jerk(
     """
     ex, ey, ez = error
     size = sqrt(ex * ex + ey * ey + ez * ez)
-    # an acceleration that the jerk can build up and end within 1 / omega: larger ones overshoot
-    strongest = min(bounds.acceleration, bounds.jerk / omega)
-    gain = omega / 3.0
+    # an acceleration that the jerk can build up and end while the error decreases: larger ones overshoot
+    strongest = min(bounds.acceleration, bounds.jerk / (3.0 * gain))
     if size > 0.0:
         # sqrt(a e) is the speed from which half the acceleration stops within e
         gain = min(gain, bounds.catch_up / size, sqrt(strongest / size))

@@ -13,8 +13,8 @@ from ik_node.jit import compiled
 from ik_node.math.types import Array
 from ik_node.targets.jerk_limited_filter import Jerk, RigidMotion, integrate
 
-LONGEST_STEP_S = 0.004
-"""Longest duration of a jerk; longer intervals are divided."""
+LONGEST_STEP_S = 0.0025
+"""Longest duration of a jerk; longer intervals are divided. Short enough for the largest gains of the cascade."""
 EMPTY_SCHEDULE = np.zeros((1, 7))
 """A schedule without duration."""
 

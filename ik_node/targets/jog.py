@@ -276,10 +276,10 @@ def _ahead(
         step_s = row[6]
         velocity, rate, change = _commanded(now, command, lead_limit, motion.orientation)
         linear = cascade_jerk(
-            ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA, limits.linear, step_s
+            ZERO, motion.velocity, motion.acceleration, velocity, change, OMEGA / 3.0, OMEGA, limits.linear, step_s
         )
         angular = cascade_jerk(
-            ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA, limits.angular, step_s
+            ZERO, motion.rate, motion.angular_acceleration, rate, ZERO, OMEGA / 3.0, OMEGA, limits.angular, step_s
         )
         jerk = Jerk(linear, angular, step_s)
         write_jerk(row, jerk)

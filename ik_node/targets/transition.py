@@ -229,9 +229,11 @@ def _ahead(
     for row in schedule:
         step_s, way = row[6], scaled(motion.position, -1.0)
         turn = orientation_error(IDENTITY, motion.orientation, turn)
-        linear = cascade_jerk(way, motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA, limits.linear, step_s)
+        linear = cascade_jerk(
+            way, motion.velocity, motion.acceleration, ZERO, ZERO, OMEGA / 3.0, OMEGA, limits.linear, step_s
+        )
         angular = cascade_jerk(
-            turn, motion.rate, motion.angular_acceleration, ZERO, ZERO, OMEGA, limits.angular, step_s
+            turn, motion.rate, motion.angular_acceleration, ZERO, ZERO, OMEGA / 3.0, OMEGA, limits.angular, step_s
         )
         jerk = Jerk(linear, angular, step_s)
         write_jerk(row, jerk)

@@ -48,13 +48,16 @@ SHARPNESS = 12
 """The weight of a predictor is its mean squared error to the power of minus this."""
 BENEFIT = 0.75
 """Factor on the mean squared error of the predictor of degree 0: one step out of rest is no motion yet."""
+LONG_MEMORY = 0.25
+"""The mean squared error of a predictor is increased by this fraction of its forgetting factor: among equally good ones
+a short memory follows the next change of the motion sooner."""
 PREFERENCE = 0.5
 """The time base changes when the error on the other one is below this fraction of the present one."""
 FLOOR = np.array((1e-12, 1e-10))
 """Mean squared errors [m2, rad2] below which predictors count as equally good: a micrometre, 10 microradian."""
 
 _N = len(PREDICTORS)
-_DOUBT = np.array([1.0 if degree > 0 else BENEFIT for degree, _ in PREDICTORS])
+_DOUBT = np.array([1.0 + LONG_MEMORY * fade if degree > 0 else BENEFIT for degree, fade in PREDICTORS])
 _DEGREE = np.array([degree for degree, _ in PREDICTORS] * 2)
 _FADE = np.array([fade for _, fade in PREDICTORS] * 2)
 _MOVING = (_DEGREE[:_N] > 0) / np.count_nonzero(_DEGREE[:_N])

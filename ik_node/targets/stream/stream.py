@@ -2,8 +2,8 @@
 
 ``sampling_clock.py`` estimates when each sample was taken, ``predictors.py`` where the target is now, and
 ``tracking_filter.py`` leads a motion with bounded speed, acceleration and jerk to it. An unpredictable target is
-followed with a delay of a fraction of a sample period, which turns extrapolation into interpolation. The delay follows
-from the errors of past predictions, so that a predictable target is followed without lag.
+followed with a constant delay, which turns extrapolation into smoothing; a predictable one without lag. The errors of
+past predictions decide (``latency.py``).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ik_node.interfaces.delivery import StreamDelivery, delivered
 from ik_node.interfaces.motion import Motion
 from ik_node.math.quaternion import conjugate, difference, from_matrix, length, multiply, to_rotation_vector
 from ik_node.math.types import Array
-from ik_node.settings.groups import Pair, TargetSettings
+from ik_node.settings.groups import TargetSettings
 from ik_node.targets.bounds import stream_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
 from ik_node.targets.stream.extrapolation import TargetCurve, resting
-from ik_node.targets.stream.latency import Latency, latency_at, target_latency
+from ik_node.targets.stream.latency import ANGULAR_DELAY, LINEAR_DELAY, Latency, latency_at
 from ik_node.targets.stream.predictors import PredictorBank, new_bank, updated_bank
 from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
 from ik_node.targets.stream.target_speed import TargetSpeed, too_fast_text, updated_speed
@@ -40,8 +40,6 @@ from ik_node.targets.stream.tracking_filter import (
     moved_to,
 )
 
-MAX_LATENCY_PERIODS: Pair = (0.9, 1.0)
-"""Maximum smoothing delay [linear, angular] in sample periods, for unpredictable targets."""
 LOST_PERIODS = 4.0
 """After a gap longer than this many periods, prediction starts anew."""
 LONGEST_TRANSPORT_S = 0.1
@@ -74,9 +72,7 @@ class StreamSnapshot:
 class StreamedPoses:
     """Samples of a pose in, T_sd(t) and V_d(t) out; times are monotonic nanoseconds."""
 
-    def __init__(self, settings: TargetSettings, max_latency: Pair = MAX_LATENCY_PERIODS) -> None:
-        """``max_latency``: maximum smoothing delay in sample periods [linear, angular]."""
-        self._max_latency = max_latency
+    def __init__(self, settings: TargetSettings) -> None:
         self._state = StreamSnapshot()
         self.configure(settings)
 
@@ -206,13 +202,9 @@ class StreamedPoses:
             time_ns += round((sampling_clock.offset_s - (sampling_clock.delay_s if on_arrival else 0.0)) * NS)
         time_ns = max(time_ns, sample.received_ns - round(LONGEST_TRANSPORT_S * NS))
         s.curve = TargetCurve(time_ns, *bank.curve(), sample.orientation)
-        linear, angular = bank.unpredictability
-        s.linear_latency = s.linear_latency.moving_to(
-            target_latency(linear, self._max_latency[0] * sampling_clock.period_s), sample.received_ns
-        )
-        s.angular_latency = s.angular_latency.moving_to(
-            target_latency(angular, self._max_latency[1] * sampling_clock.period_s), sample.received_ns
-        )
+        (linear, angular), period_s, now_ns = bank.unpredictability, sampling_clock.period_s, sample.received_ns
+        s.linear_latency = s.linear_latency.updated(linear, LINEAR_DELAY.at(period_s), now_ns)
+        s.angular_latency = s.angular_latency.updated(angular, ANGULAR_DELAY.at(period_s), now_ns)
         self._pack_inputs()
 
     def _pack_inputs(self) -> None:

@@ -19,6 +19,7 @@ from ik_node.jit import compiled
 from ik_node.math.numerics import smoothstep
 from ik_node.math.quaternion import IDENTITY, ZERO, Quaternion, Vector, difference, length
 from ik_node.math.types import Array
+from ik_node.settings.groups import Pair
 from ik_node.targets.jerk_limited_filter import (
     Bounds,
     Jerk,
@@ -33,10 +34,12 @@ from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, LONGEST_STEP_S, empty_
 from ik_node.targets.stream.extrapolation import CurveParameter, TargetCurve, evaluate, resting
 from ik_node.targets.stream.latency import Latency, latency_at
 
-BANDWIDTH = 3.5
-"""Triple pole of the cascade [rad/s] times the sample period [s]; larger follows closer, smaller is smoother."""
-MAX_BANDWIDTH = 65.0
-"""Largest triple pole [rad/s], for fast streams."""
+GAIN, BANDWIDTH = 1.0, 6.5
+"""Gains of the cascade for error and velocity [1/s] times the sample period [s]. The prediction changes at each sample:
+its velocity is followed at once, its position slowly, which is smoother than a triple pole with the same error."""
+MAX_GAIN: Pair = (15.0, 28.0)
+MAX_BANDWIDTH: Pair = (130.0, 100.0)
+"""Largest gains [1/s] of position and orientation, for fast streams."""
 LONGEST_CATCH_UP_S = 0.25
 """Missed control steps are made up for over at most this time; a longer gap is skipped."""
 SHORTEST_GAP_PERIOD_S = 0.02
@@ -271,6 +274,17 @@ def _bounds(numbers: Array) -> Bounds:
 
 
 @compiled
+def cascade_gains(period_s: float, half: int) -> tuple[float, float]:
+    """Gains of the cascade for error and velocity [1/s].
+
+    Args:
+        period_s: Sample period.
+        half: 0 for the position, 1 for the orientation.
+    """
+    return min(GAIN / period_s, MAX_GAIN[half]), min(BANDWIDTH / period_s, MAX_BANDWIDTH[half])
+
+
+@compiled
 def gap_period_s(period_s: float) -> float:
     """The period by which gaps between samples are evaluated."""
     return max(period_s, SHORTEST_GAP_PERIOD_S)
@@ -337,7 +351,8 @@ def _stepped(
 ) -> tuple[FilterState, Jerk]:
     """The state after one step of the cascade that begins at ``time_ns``, and the jerk of the step."""
     motion = now.motion
-    omega = min(BANDWIDTH / prediction.period_s, MAX_BANDWIDTH)
+    linear_gain, linear_omega = cascade_gains(prediction.period_s, 0)
+    angular_gain, angular_omega = cascade_gains(prediction.period_s, 1)
     goal, error, turn, jumped = resting(motion.position, motion.orientation), ZERO, ZERO, now.jumped
     if follows:
         goal = _goal(prediction, bounds.timeout_s, now.hold_s, time_ns)
@@ -345,7 +360,15 @@ def _stepped(
         turn = orientation_error(goal.orientation, motion.orientation, now.turn)
         jumped = jumped and not (length(error) < ARRIVED_M and length(turn) < ARRIVED_RAD)
     linear = cascade_jerk(
-        error, motion.velocity, motion.acceleration, goal.velocity, goal.acceleration, omega, bounds.linear, step_s
+        error,
+        motion.velocity,
+        motion.acceleration,
+        goal.velocity,
+        goal.acceleration,
+        linear_gain,
+        linear_omega,
+        bounds.linear,
+        step_s,
     )
     angular = cascade_jerk(
         turn,
@@ -353,7 +376,8 @@ def _stepped(
         motion.angular_acceleration,
         goal.rate,
         goal.angular_acceleration,
-        omega,
+        angular_gain,
+        angular_omega,
         bounds.angular,
         step_s,
     )

@@ -35,9 +35,9 @@ from ik_node.targets.jerk_limited_filter import (
     orientation_error,
     pose_matrix,
 )
+from ik_node.targets.stream.cascade_gains import cascade_gains
 from ik_node.targets.stream.extrapolation import resting
 from ik_node.targets.stream.sampling_clock import SamplingClock, reset, updated
-from ik_node.targets.stream.tracking_filter import cascade_gains
 
 
 class Follower(Protocol):

@@ -19,7 +19,6 @@ from ik_node.jit import compiled
 from ik_node.math.numerics import smoothstep
 from ik_node.math.quaternion import IDENTITY, ZERO, Quaternion, Vector, difference, length
 from ik_node.math.types import Array
-from ik_node.settings.groups import Pair
 from ik_node.targets.jerk_limited_filter import (
     Bounds,
     Jerk,
@@ -31,15 +30,10 @@ from ik_node.targets.jerk_limited_filter import (
     pose_matrix,
 )
 from ik_node.targets.jerk_schedule import EMPTY_SCHEDULE, LONGEST_STEP_S, empty_schedule, executed, write_jerk
+from ik_node.targets.stream.cascade_gains import cascade_gains
 from ik_node.targets.stream.extrapolation import CurveParameter, TargetCurve, evaluate, resting
 from ik_node.targets.stream.latency import Latency, latency_at
 
-GAIN, BANDWIDTH = 1.0, 6.5
-"""Gains of the cascade for error and velocity [1/s] times the sample period [s]. The prediction changes at each sample:
-its velocity is followed at once, its position slowly, which is smoother than a triple pole with the same error."""
-MAX_GAIN: Pair = (15.0, 28.0)
-MAX_BANDWIDTH: Pair = (130.0, 100.0)
-"""Largest gains [1/s] of position and orientation, for fast streams."""
 LONGEST_CATCH_UP_S = 0.25
 """Missed control steps are made up for over at most this time; a longer gap is skipped."""
 SHORTEST_GAP_PERIOD_S = 0.02
@@ -271,17 +265,6 @@ def _bounds(numbers: Array) -> Bounds:
 
 
 # --- one control step -------------------------------------------------------------------------------------------------
-
-
-@compiled
-def cascade_gains(period_s: float, half: int) -> tuple[float, float]:
-    """Gains of the cascade for error and velocity [1/s].
-
-    Args:
-        period_s: Sample period.
-        half: 0 for the position, 1 for the orientation.
-    """
-    return min(GAIN / period_s, MAX_GAIN[half]), min(BANDWIDTH / period_s, MAX_BANDWIDTH[half])
 
 
 @compiled

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ik_node.jit import compiled
 from ik_node.math.types import Array
-from ik_node.robot.chain import damped_rates, moved_chain
+from ik_node.robot.chain import damped_rates, moved_chain, relative_speeds
 from ik_node.robot.joint_limits import MotionLimits, viable_speed_at
 
 ACCELERATION_FRACTION = 0.8
@@ -65,11 +65,11 @@ class Prediction(NamedTuple):
 
 
 @compiled
-def required_rates(p: Prediction, change: Array) -> Array:
-    """Joint velocities (n,) of least norm that the twist requires after a change of the joint positions (n,)."""
+def required_rates(p: Prediction, change: Array, speeds: Array) -> Array:
+    """Joint velocities (n,) that the twist requires after a change of the joint positions (n,)."""
     jacobian, _ = moved_chain(p.jacobian, p.order, change)
     if p.kept.min() == 1.0:
-        return damped_rates(jacobian, p.twist, p.row_scale, DAMPING * p.tolerance)
+        return damped_rates(jacobian, p.twist, p.row_scale, DAMPING * p.tolerance, speeds)
     twist = p.twist * p.row_scale
     for row in range(6):
         jacobian[row] *= p.row_scale[row]
@@ -92,9 +92,9 @@ def viable_scale(p: Prediction, q: Array, previous: Array, limits: MotionLimits)
         previous: The present command, (n,), rad/s (m/s).
         limits: Limits of the joints.
     """
-    change, n = np.zeros(len(q)), len(q)
+    change, n, speeds = np.zeros(len(q)), len(q), relative_speeds(limits.velocity)
     rates = np.empty((NODES + 1, n))
-    rates[0] = required_rates(p, change)
+    rates[0] = required_rates(p, change, speeds)
     length, u, s, ahead = horizon(rates[0], q, previous, limits)
     if u == 0.0:
         return 1.0
@@ -102,7 +102,7 @@ def viable_scale(p: Prediction, q: Array, previous: Array, limits: MotionLimits)
     for k in range(NODES):
         middle = rates[k] if k == 0 else 1.5 * rates[k] - 0.5 * rates[k - 1]
         change = change + step * middle
-        rates[k + 1] = required_rates(p, change)
+        rates[k + 1] = required_rates(p, change, speeds)
         for i in range(n if n <= 6 else 0):
             position = q[i] + change[i]
             if (position > limits.upper[i] and middle[i] > 0.0) or (position < limits.lower[i] and middle[i] < 0.0):

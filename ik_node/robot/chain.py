@@ -36,24 +36,50 @@ def moved_chain(jacobian: Array, order: NDArray[np.int64], change: Array) -> tup
     return moved, tail
 
 
+SLOW = 0.3
+"""A joint with a lower velocity limit than this fraction of the highest one is slow."""
+
+
 @compiled
-def damped_rates(jacobian: Array, twist: Array, row_scale: Array, damping: float) -> Array:
-    """Joint velocities (n,) of least norm for a twist, by damped least squares (Wampler 1986).
+def relative_speeds(velocity: Array) -> Array:
+    """Velocity limits of slow joints, (n,), relative to those of the others, which have 1.
+
+    In the norm of velocities relative to them an arm with a null space moves a slow joint little, as its limits make
+    it do. Arms without a null space have 1 everywhere.
+
+    Args:
+        velocity: Velocity limits, (n,), rad/s (m/s).
+    """
+    speeds, most = np.ones(len(velocity)), 0.0
+    if len(velocity) > 6:
+        for value in velocity:
+            if np.isfinite(value):
+                most = max(most, value)
+        for i in range(len(velocity)):
+            if np.isfinite(velocity[i]):
+                speeds[i] = min(1.0, velocity[i] / (SLOW * most))
+    return speeds
+
+
+@compiled
+def damped_rates(jacobian: Array, twist: Array, row_scale: Array, damping: float, speeds: Array) -> Array:
+    """Joint velocities (n,) of least norm \\|qd / speeds\\| for a twist, by damped least squares (Wampler 1986).
 
     Args:
         jacobian: J, (6, n).
         twist: V, (6,).
         row_scale: D, (6,).
-        damping: Singular values of D J far above it are inverted, those far below it are ignored, m.
+        damping: Singular values of D J S far above it are inverted, those far below it are ignored, m.
+        speeds: Diagonal of S, (n,), see :func:`relative_speeds`.
     """
-    n = jacobian.shape[1]
+    n, squares = jacobian.shape[1], speeds * speeds
     a, y = np.empty((6, 6)), np.empty(6)
     # Cholesky decomposition of D J J' D + damping^2, row by row, with the forward substitution.
     for i in range(6):
         for j in range(i + 1):
             value = 0.0
             for k in range(n):
-                value += jacobian[i, k] * jacobian[j, k]
+                value += jacobian[i, k] * jacobian[j, k] * squares[k]
             value *= row_scale[i] * row_scale[j]
             if i == j:
                 value += damping * damping
@@ -70,5 +96,5 @@ def damped_rates(jacobian: Array, twist: Array, row_scale: Array, damping: float
             y[i] -= a[k, i] * y[k]
         y[i] /= a[i, i]
         for k in range(n):
-            rates[k] += jacobian[i, k] * row_scale[i] * y[i]
+            rates[k] += squares[k] * jacobian[i, k] * row_scale[i] * y[i]
     return rates

@@ -80,7 +80,7 @@ def test_every_recording_is_a_row_and_a_broken_one_does_not_end_the_others(
     tracked = f"Tracked to {rows['plain'].position_rms_mm:.2f} mm RMS; never slowed"
     assert rows["plain"].verdict.startswith(tracked)
     assert rows["limit"].worst_limit == "position panda_joint7"
-    assert rows["limit"].slowed_s == pytest.approx(0.78, abs=0.01)
+    assert rows["limit"].slowed_s == pytest.approx(0.78, abs=0.03)
     assert rows["broken"].replay == BROKEN
     assert rows["broken"].error
     progress = result[2].splitlines()

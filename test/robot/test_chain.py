@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loop import make_robot
 
-from ik_node.robot.chain import damped_rates, moved_chain
+from ik_node.robot.chain import damped_rates, moved_chain, relative_speeds
 
 ROW_SCALE = np.repeat((1.0, 0.3), 3)
 
@@ -23,10 +23,18 @@ def test_jacobian_and_pose_ahead_are_those_of_the_model(name: str) -> None:
 
 
 def test_damped_rates_minimise_the_damped_error() -> None:
-    """Normal equations of |D (J qd - V)|^2 + damping^2 |qd|^2, for six and seven joints."""
+    """Normal equations of |D (J qd - V)|^2 + damping^2 |qd / speeds|^2, for six and seven joints."""
     rng = np.random.default_rng(2)
     for n in (6, 7):
-        jacobian, twist, damping = rng.normal(size=(6, n)), rng.normal(size=6), 0.1
+        jacobian, twist, damping, speeds = rng.normal(size=(6, n)), rng.normal(size=6), 0.1, rng.uniform(0.1, 1.0, n)
         scaled = ROW_SCALE[:, None] * jacobian
-        expected = np.linalg.solve(scaled.T @ scaled + damping**2 * np.eye(n), scaled.T @ (ROW_SCALE * twist))
-        np.testing.assert_allclose(damped_rates(jacobian, twist, ROW_SCALE, damping), expected, atol=1e-12)
+        normal = scaled.T @ scaled + damping**2 * np.diag(1.0 / speeds**2)
+        expected = np.linalg.solve(normal, scaled.T @ (ROW_SCALE * twist))
+        np.testing.assert_allclose(damped_rates(jacobian, twist, ROW_SCALE, damping, speeds), expected, atol=1e-12)
+
+
+def test_relative_speeds() -> None:
+    """Joints slower than 0.3 times the fastest have less than 1; arms without a null space have 1 everywhere."""
+    limits = np.array((2.0, 0.06, np.inf, 1.0, 2.0, 0.3, 2.0))
+    np.testing.assert_allclose(relative_speeds(limits), (1.0, 0.1, 1.0, 1.0, 1.0, 0.5, 1.0))
+    np.testing.assert_allclose(relative_speeds(limits[:6]), np.ones(6))

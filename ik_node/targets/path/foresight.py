@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ik_node.jit import compiled
 from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.robot.chain import damped_rates, moved_chain
+from ik_node.robot.chain import damped_rates, moved_chain, relative_speeds
 from ik_node.robot.joint_limits import MotionLimits, motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
@@ -181,7 +181,7 @@ def _extended(
         row_scale: D, (6,).
         limits: Limits of the joints.
     """
-    n = jacobian.shape[1]
+    n, speeds = jacobian.shape[1], relative_speeds(limits.velocity)
     first = max(int(np.searchsorted(known.times_s, time_s, side="right")) - 1, 0)
     count = len(known.times_s) - first
     times_s, positions = np.empty(MAX_POINTS), np.empty((MAX_POINTS, n))
@@ -205,10 +205,11 @@ def _extended(
         end = resting_on(path, now_s + step_s)
         twist = mean_twist(start, end, step_s)
         error = se3.log6(se3.relative_pose(pose_sb, pose_matrix(start)))
-        half = damped_rates(jacobian, twist, row_scale, DAMPING)
+        half = damped_rates(jacobian, twist, row_scale, DAMPING, speeds)
         middle, _ = moved_chain(jacobian, order, 0.5 * step_s * half)
-        p = damped_rates(middle, twist, row_scale, DAMPING)
-        change = step_s * p + damped_rates(jacobian, error, row_scale, 5.0 * DAMPING) * min(1.0, step_s / CORRECTION_S)
+        p = damped_rates(middle, twist, row_scale, DAMPING, speeds)
+        to_path = damped_rates(jacobian, error, row_scale, 5.0 * DAMPING, speeds)
+        change = step_s * p + min(1.0, step_s / CORRECTION_S) * to_path
         jacobian, back = moved_chain(jacobian, order, change)
         pose_sb = se3.compose(pose_sb, se3.relative_pose(back, origin))
         rates[count - 1] = p

@@ -13,6 +13,8 @@ from ik_node.report.path_plot import draw_obstacles, draw_paths
 from ik_node.report.reported_run import ReportedRun, span_of, time_label
 from ik_node.report.style import page_heading, run_legend, share_time_axis
 from ik_node.report.table import MAIN_LABELS, as_table
+from ik_node.report.task_components import HEIGHT_IN as COMPONENT_IN
+from ik_node.report.task_components import draw_task_components, loose_components
 from ik_node.report.timeline import draw_mode_bars
 from ik_node.report.verdict import verdict
 
@@ -55,13 +57,19 @@ def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
     text = as_table(reported_runs, COLUMN, MAIN_LABELS)
     table.text(0.0, end - LINE_PART, text, family="monospace", fontsize=size, va="top", linespacing=1.4)
     bars = 0.22 + 0.16 * len(reported_runs)
-    rows = halves[1].subgridspec(6, 1, height_ratios=(1.0, 1.0, 0.8, 0.6, 0.8, bars), hspace=0.34)
-    column = [figure.add_subplot(rows[index]) for index in range(6)]
+    loose = len(loose_components(reported_runs))
+    within = [COMPONENT_IN * loose] if loose else []
+    heights = (1.0, 1.0, *within, 0.8, 0.6, 0.8, bars)
+    rows = list(halves[1].subgridspec(len(heights), 1, height_ratios=heights, hspace=0.34))
+    parts = rows.pop(2).subgridspec(loose, 1, hspace=0.16) if loose else ()
+    components = [figure.add_subplot(parts[index]) for index in range(loose)]
+    draw_task_components(components, reported_runs)
+    column = [figure.add_subplot(row) for row in rows]
     draw_tracking_error(column[0], reported_runs, quantities.POSITION_ERROR)
     draw_tracking_error(column[1], reported_runs, quantities.ORIENTATION_ERROR)
     draw_singular_values(column[2], reported_runs)
     draw_scale(column[3], reported_runs)
     draw_clearance(column[4], reported_runs)
     draw_mode_bars(column[5], reported_runs)
-    share_time_axis(column, span_of(reported_runs), time_label(reported_runs))
+    share_time_axis([*components, *column], span_of(reported_runs), time_label(reported_runs))
     return figure

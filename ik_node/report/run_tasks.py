@@ -1,4 +1,4 @@
-"""The tolerances of a run over time, and the part of a deviation that exceeds them."""
+"""The tolerances of a run over time, the deviation in their axes, and its part that exceeds them."""
 
 from __future__ import annotations
 
@@ -40,6 +40,37 @@ def run_tasks(run: Run) -> tuple[RunTask, ...]:
         RunTask(TaskTolerance(task.tolerance, task.frame), np.asarray((run.times_s > begin) & (run.times_s <= end)))
         for (begin, task), end in zip(found, ends, strict=True)
     )
+
+
+class TaskSeries(NamedTuple):
+    """Deviation of the tool from the trajectory in the axes of the tolerance; NaN while the whole pose is followed."""
+
+    components: Array
+    """(m, 6), from the tool to the trajectory, m and rad; also of free components."""
+    half_widths: Array
+    """(m, 6), m and rad; infinite for free components."""
+
+
+def task_series(tasks: Sequence[RunTask], pose_sb: Array, pose_sd: Array) -> TaskSeries | None:
+    """The deviation of m poses in the axes of the tolerance of each.
+
+    Args:
+        tasks: Tolerances; each has the rows of the poses that it applies to, (m,).
+        pose_sb: Poses of the tool, (m, 4, 4).
+        pose_sd: Poses of the trajectory, (m, 4, 4); a pose that is not known is NaN.
+
+    Returns:
+        The components and their half-widths; None if the whole pose is followed always.
+    """
+    if not task_text(tasks):
+        return None
+    series = TaskSeries(np.full((len(pose_sb), 6), np.nan), np.full((len(pose_sb), 6), np.nan))
+    for tolerance, rows in tasks:
+        if not tolerance.is_exact:
+            series.half_widths[rows] = tolerance.half_widths
+            for row in np.flatnonzero(rows & np.isfinite(pose_sb + pose_sd).all(axis=(1, 2))).tolist():
+                series.components[row] = task_deviation(tolerance.form, pose_sb[row], pose_sd[row]).components
+    return series
 
 
 def task_text(tasks: Sequence[RunTask]) -> str:

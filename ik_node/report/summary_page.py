@@ -18,6 +18,8 @@ from ik_node.report.path_plot import draw_path
 from ik_node.report.reported_run import ReportedRun, report_run, time_label
 from ik_node.report.run_description import joint_units
 from ik_node.report.style import AMBER, DPI, TEXT_COLOUR, VERMILION, decimate
+from ik_node.report.task_components import HEIGHT_IN as COMPONENT_IN
+from ik_node.report.task_components import draw_task_components, loose_components
 from ik_node.report.text import metric_lines, what_was_done
 from ik_node.report.timeline import draw_mode_bars
 from ik_node.report.verdict import CAUSE_COLOURS, verdict
@@ -64,13 +66,19 @@ def draw_summary(reported: ReportedRun) -> Any:
     text_in = LINE_IN * (1.0 + len(lines))
     left = outer[0].subgridspec(2, 1, height_ratios=(max(TEXT_IN - text_in, SHORTEST_PATH_IN), text_in), hspace=0.02)
     joints = len(run.joints)
-    right = outer[1].subgridspec(7, 1, height_ratios=(0.95, 0.95, 0.3 * joints, 0.62, 0.5, 0.62, 0.26), hspace=0.42)
+    loose = len(loose_components([reported]))
+    within = [COMPONENT_IN * loose] if loose else []
+    heights = (0.95, 0.95, *within, 0.3 * joints, 0.62, 0.5, 0.62, 0.26)
+    right = list(outer[1].subgridspec(len(heights), 1, height_ratios=heights, hspace=0.42))
     if metrics.series is not None:
         draw_path(figure, figure.add_subplot(left[0], projection="3d"), reported)
     _draw_text(figure.add_subplot(left[1]), "\n".join(lines))
     first = figure.add_subplot(right[0])
     draw_tracking_error(first, [reported], quantities.POSITION_ERROR)
     draw_tracking_error(figure.add_subplot(right[1], sharex=first), [reported], quantities.ORIENTATION_ERROR)
+    if loose:
+        rows = right.pop(2).subgridspec(loose, 1, hspace=0.16)
+        draw_task_components([figure.add_subplot(rows[index], sharex=first) for index in range(loose)], [reported])
     rows = right[2].subgridspec(joints, 1, hspace=0.16)
     _draw_joint_velocities([figure.add_subplot(rows[index], sharex=first) for index in range(joints)], reported)
     _draw_singular_value(figure.add_subplot(right[3], sharex=first), reported)

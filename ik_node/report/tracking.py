@@ -19,7 +19,7 @@ from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.ground_truth import GroundTruth, Poses, rotation_angle
-from ik_node.report.run_tasks import RunTask, excess, run_tasks, task_text
+from ik_node.report.run_tasks import RunTask, TaskSeries, excess, run_tasks, task_series, task_text
 from ik_node.robot.robot import Robot
 
 LAG_RANGE_S = (-0.2, 0.6)
@@ -89,6 +89,8 @@ class TrackingSeries(NamedTuple):
     """(m,), between start and end of the ground truth."""
     settled: NDArray[np.bool_]
     """(m,), from ``settle_s`` after the start of the ground truth to its end."""
+    task: TaskSeries | None
+    """The deviation in the axes of ``task.tolerance``; None if the whole pose is followed always."""
 
 
 def measured_poses(run: Run) -> tuple[Poses, NDArray[np.int64], Array]:
@@ -135,6 +137,10 @@ def _distances(tool: Poses, target: Poses, tasks: Sequence[RunTask]) -> ErrorSer
     return ErrorSeries(position, orientation)
 
 
+def _matrices(poses: Poses) -> Array:
+    return np.array([_matrix(poses, row) for row in range(len(poses.position))]).reshape(-1, 4, 4)
+
+
 def _matrix(poses: Poses, row: int) -> Array:
     pose = np.eye(4)
     pose[:3, :3] = se3.rotation_from_quaternion(poses.quaternion[row])
@@ -163,6 +169,7 @@ def compare(run: Run, truth: GroundTruth, settle_s: float) -> tuple[TrackingMetr
         tool_to_reference=_distances(measured, reference, tasks),
         inside=(ros_ns >= truth.ros_ns[0]) & (ros_ns <= truth.ros_ns[-1]),
         settled=(ros_ns - truth.ros_ns[0] >= settle_s * NS) & (ros_ns <= truth.ros_ns[-1]),
+        task=task_series(tasks, _matrices(measured), _matrices(desired)),
     )
     settled = series.settled
     lag_position = lag_rotation = math.nan

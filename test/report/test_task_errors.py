@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +11,16 @@ from recorded_loop import finish, recorded_loop
 from support import PROJECT
 
 from ik_node.math import se3
-from ik_node.math.task_tolerance import TaskTolerance
+from ik_node.math.task_tolerance import COMPONENTS, TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.recording.run_reader import load_run
 from ik_node.report import compute_metrics
-from ik_node.report.reported_run import read_reported_runs
-from ik_node.report.run_tasks import excess, run_tasks
+from ik_node.report.canvas import report_style
+from ik_node.report.overlay import draw_overlay
+from ik_node.report.reported_run import ReportedRun, read_reported_runs, report_run
+from ik_node.report.run_tasks import RunTask, excess, run_tasks, task_series
+from ik_node.report.summary_page import draw_summary
 from ik_node.report.table import metric_rows
 from ik_node.report.text import what_was_done
 from ik_node.report.verdict import Cause, verdict
@@ -96,3 +100,87 @@ def test_a_change_of_the_task_applies_from_its_time_on(tmp_path: Path) -> None:
 def test_the_table_of_recordings_of_whole_poses_has_no_row_of_the_task() -> None:
     rows = metric_rows(read_reported_runs([PROJECT / "bags" / "plain"]))
     assert "task" not in {row.label for row in rows}
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+BAND = (0.0, 0.0, 0.02, 0.0, 0.0, np.inf)
+
+
+def reported(run: Run) -> ReportedRun:
+    return report_run(run, compute_metrics(run))
+
+
+def drawn_components(drawn: Any) -> dict[str, Any]:
+    """Name of the component -> axes."""
+    named = {tuple(label.get_text() for label in axes.get_yticklabels()): axes for axes in drawn.axes}
+    return {names[0]: axes for names, axes in named.items() if len(names) == 1 and names[0] in COMPONENTS}
+
+
+def test_the_pictures_show_free_parts_and_bands_apart_from_the_errors(tmp_path: Path) -> None:
+    run = recorded(tmp_path, BAND)
+    one = reported(run)
+    series = one.metrics.series
+    assert series is not None
+    for draw in (lambda: draw_summary(one), lambda: draw_overlay([one, one])):
+        with report_style():
+            found = drawn_components(draw())
+        assert sorted(found) == ["rz", "z"]
+        (strip, *_), (line, *_) = found["z"].collections, found["z"].lines
+        assert np.abs(strip.get_paths()[0].vertices[:, 1]).max() == pytest.approx(20.0)
+        inside = series.inside
+        offset = [
+            se3.rotation_from_quaternion(q).T @ (d - b)
+            for q, d, b in zip(
+                series.measured.quaternion[inside],
+                series.desired.position[inside],
+                series.measured.position[inside],
+                strict=True,
+            )
+        ]
+        values = line.get_ydata()[np.isfinite(line.get_ydata())]
+        assert values == pytest.approx(1e3 * np.array(offset)[:, 2], abs=1e-2)
+        assert not found["rz"].collections
+        spun = np.abs(found["rz"].lines[0].get_ydata())
+        assert np.nanmax(spun) > 1000.0, "the target spins at 1 rad/s"
+        assert found["rz"].get_ylim()[1] > np.nanmax(spun)
+    texts = [text.get_text() for axes in drawn_components(_summary(one)).values() for text in axes.texts]
+    assert [text.split(":")[0] for text in texts if text.startswith("free")] == ["free"]
+    assert any(text.endswith("of \N{PLUS-MINUS SIGN}20 mm") for text in texts)
+
+
+def _summary(one: ReportedRun) -> Any:
+    with report_style():
+        return draw_summary(one)
+
+
+def test_a_free_rotation_that_passes_half_a_turn_is_drawn_with_a_gap() -> None:
+    angles = np.linspace(0.0, 7.0, 50)
+    tool = np.tile(np.eye(4), (50, 1, 1))
+    target = tool.copy()
+    for pose, angle in zip(target, angles.tolist(), strict=True):
+        pose[:3, :3] = se3.exp_rotation(np.array([0.0, 0.0, angle]))
+    series = task_series([RunTask(TaskTolerance(SPIN), np.ones(50, dtype=bool))], tool, target)
+    assert series is not None
+    assert series.components[:, 5] == pytest.approx((angles + np.pi) % (2.0 * np.pi) - np.pi, abs=1e-12)
+    assert np.isinf(series.half_widths[:, 5]).all()
+
+
+def test_a_target_of_whole_poses_has_no_plot_of_components() -> None:
+    one = read_reported_runs([PROJECT / "bags" / "plain"])[0]
+    assert one.metrics.series is not None
+    assert one.metrics.series.task is None
+    assert drawn_components(_summary(one)) == {}
+
+
+def test_components_are_known_only_while_a_tolerance_applies() -> None:
+    tool, rows = np.tile(np.eye(4), (4, 1, 1)), np.array([True, True, False, False])
+    target = tool.copy()
+    target[:, 0, 3] = 0.01
+    target[3] = np.nan
+    series = task_series([RunTask(TaskTolerance(), rows), RunTask(TaskTolerance(BAND), ~rows)], tool, target)
+    assert series is not None
+    assert np.isnan(series.components[:2]).all()
+    assert series.components[2, 0] == pytest.approx(0.01)
+    assert np.isnan(series.components[3]).all()
+    assert np.isnan(series.half_widths[:2]).all()

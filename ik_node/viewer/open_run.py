@@ -10,6 +10,7 @@ import numpy as np
 
 from ik_node.collision.scene import Scene, read_scene
 from ik_node.errors import IkNodeError, RobotError
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run import Run
 from ik_node.report.clearances import settings_of
@@ -17,12 +18,13 @@ from ik_node.report.extremes import gradient_gains
 from ik_node.report.metrics import RunMetrics
 from ik_node.report.quantities import UNWEIGHTED
 from ik_node.report.recorded_scene import RecordedObstacles, scene_history
+from ik_node.report.run_tasks import run_tasks
 from ik_node.robot.robot import Robot
 from ik_node.viewer import meshes
 from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.page import PageContent, ViewerPage
 from ik_node.viewer.status_html import verdict_html
-from ik_node.viewer.timeline import timeline_of
+from ik_node.viewer.timeline import Timeline, timeline_of
 
 
 def open_run(
@@ -65,12 +67,19 @@ def open_run(
         mass_weighted=settings.control.method != UNWEIGHTED,
         gradient_gain=lambda time_s: float(gains[timeline.row(time_s)]),
         scene_at=scene_history(robot, first, recorded.arrivals, lambda time_s: run.q[timeline.row(time_s)]),
+        tolerance_at=_tolerances(run, timeline),
         targets=lambda: targets,
         to_trajectory=None if metrics is None else _to_trajectory(metrics),
         verdict_html="" if metrics is None else verdict_html(metrics),
         notes=notes,
     )
     return ViewerPage(server, content, lambda: timeline)
+
+
+def _tolerances(run: Run, timeline: Timeline) -> Callable[[float], TaskTolerance]:
+    tasks = run_tasks(run)
+    indices = np.argmax([task.rows for task in tasks], axis=0)
+    return lambda time_s: tasks[int(indices[timeline.row(time_s)])].tolerance
 
 
 def _to_trajectory(metrics: RunMetrics) -> Callable[[Array], Array] | None:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.report.recorded_scene import SceneAt
 from ik_node.robot.robot import Robot
@@ -50,6 +51,8 @@ class PageContent(NamedTuple):
     gradient_gain: Callable[[float], float]
     """Time in s -> the gain k of the potential at that time."""
     scene_at: SceneAt
+    tolerance_at: Callable[[float], TaskTolerance]
+    """Time in s -> the tolerance of the task at that time."""
     targets: Callable[[], Array]
     """Positions of the targets received so far, (m, 3), m, in the base frame."""
     to_trajectory: Callable[[Array], Array] | None = None
@@ -235,7 +238,7 @@ class ViewerPage:
         frame = timeline.frame(timeline.row(self.playback.time_s))
         scene = self.content.scene_at(self.playback.time_s)
         with self.server.atomic():
-            self.scene_view.update(frame, scene)
+            self.scene_view.update(frame, scene, self.content.tolerance_at(self.playback.time_s))
 
     def _draw_slow(self, timeline: Timeline) -> None:
         playback, content = self.playback, self.content

@@ -13,11 +13,13 @@ import numpy as np
 
 from ik_node.collision.scene import Scene, Shape
 from ik_node.math import se3
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
 from ik_node.viewer import decimation
 from ik_node.viewer.meshes import MeshPart, import_trimesh
 from ik_node.viewer.timeline import TimelineFrame
+from ik_node.viewer.tolerance_view import ToleranceView
 
 Rgb = tuple[int, int, int]
 TOOL: Rgb = (0, 114, 178)
@@ -35,6 +37,7 @@ LAYERS = {
     "desired_path": ("desired path", "Desired path: grey dashes"),
     "targets": ("targets", "Positions of the received targets: dots"),
     "frames": ("frames", "Tool frame (short axes) and desired pose (long, thin axes)"),
+    "tolerance": ("tolerance", "Free axes: yellow lines, dashed for rotations; bands: green boxes and cones"),
     "multiplier_linear": ("\u03bb linear", "Linear parts of the multiplier: task term magenta, potential term yellow"),
     "multiplier_angular": ("\u03bb angular", "Angular parts of the multiplier, in the same colours"),
     "obstacles": ("obstacles", "Obstacles at the displayed time"),
@@ -87,6 +90,7 @@ class SceneView:
             "tool": self._frame("tool", 0.09, 0.004, TOOL),
             "desired": self._frame("desired", 0.13, 0.0022, TARGET),
         }
+        self._tolerance = ToleranceView(self._scene)
         self._arrows = {
             f"{name}_{part}": self._arrow(f"{name}_{part}", colour)
             for name, _, colour in _MULTIPLIERS
@@ -229,17 +233,19 @@ class SceneView:
 
     # --- moving objects ----------------------------------------------------------------------------------------------
 
-    def update(self, frame: TimelineFrame, scene: Scene) -> None:
+    def update(self, frame: TimelineFrame, scene: Scene, tolerance: TaskTolerance) -> None:
         """Draws a frame.
 
         Args:
             frame: Values that are NaN leave the arm unchanged and hide other objects.
             scene: Obstacles at that time.
+            tolerance: The task at that time.
         """
         if np.isfinite(frame.joint_position).all():
             self._pose_arm(frame.joint_position)
         for name, pose in (("tool", frame.pose_sb), ("desired", frame.pose_sd)):
             self._set_pose(self._frames[name], pose, "frames")
+        self._tolerance.update(tolerance, frame.pose_sb, frame.pose_sd, self._visible["tolerance"])
         for (name, field, _), norms in zip(_MULTIPLIERS, self.reference_norms.tolist(), strict=True):
             self._draw_multiplier(name, getattr(frame, field), norms, frame.pose_sb)
         self._draw_obstacles(scene)

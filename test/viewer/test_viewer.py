@@ -78,6 +78,7 @@ def made_run(name: str) -> Run:
         "base_frame": robot.base_frame,
         "tip_frame": robot.tip_frame,
         "settings": Settings().flat(),
+        "setting_changes": (),
         "times_s": times,
         "ros_ns": ros_ns,
         "state_times_s": times,
@@ -444,6 +445,32 @@ def test_moving_obstacles_are_extrapolated_between_messages() -> None:
     scenes.add((0.3, (tip,)), q)
     expected = robot.pose(q) @ np.array([0.0, 0.0, 0.1, 1.0])
     assert scenes(0.3).obstacles["t"].pose_s[:3, 3] == pytest.approx(expected[:3])
+
+
+def test_the_tolerance_of_the_run_is_drawn_from_its_time_on(run: Run, server: Any) -> None:
+    """At the desired pose; its checkbox hides it."""
+    changes = ((2.0, {"task.tolerance": (0.0, 0.0, 0.0, 0.0, 0.0, float("inf"))}),)
+    page = open_run(server, run._replace(setting_changes=changes))
+    node = server.scene.get_handle_by_name("/base/tolerance")
+
+    def show(time_s: float) -> bool:
+        page.playback.seek(time_s)
+        page.request_redraw()
+        page.update(0.0)
+        return bool(node.visible)
+
+    assert not show(1.0)
+    assert show(3.0)
+    row = timeline_of(run).row(3.0)
+    assert node.position == pytest.approx(run.pose_sd[row, :3, 3])
+    points = server.scene.get_handle_by_name("/base/tolerance/free_rz").points
+    assert np.abs(points[..., :2]).max() == 0.0
+    w, x, y, z = node.wxyz
+    axis = se3.rotation_from_quaternion(np.array([x, y, z, w]))[:, 2]
+    assert axis == pytest.approx(run.pose_sd[row, :3, 2], abs=1e-9)
+    page.scene_view.set_visible("tolerance", False)
+    assert not show(3.0)
+    assert not show(1.0)
 
 
 def test_recorded_texts_are_escaped(run: Run) -> None:

@@ -38,6 +38,8 @@ REQUESTED = (
     "joints",
     "joint_prefix",
     "characteristic_length",
+    "task.tolerance",
+    "task.frame",
     "limits.velocity",
     "limits.velocity_fraction",
     "obstacles.scene",

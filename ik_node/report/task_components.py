@@ -15,6 +15,7 @@ from ik_node.math.types import Array
 from ik_node.report.reported_run import ReportedRun
 from ik_node.report.run_tasks import TaskSeries
 from ik_node.report.style import GREEN, GREY, TEXT_COLOUR, decimate
+from ik_node.report.tracking import TrackingSeries
 
 HEIGHT_IN = 0.36
 """Of one component, relative to the other plots."""
@@ -26,7 +27,7 @@ MIN_SPAN = 1e-3
 
 def loose_components(reported_runs: Sequence[ReportedRun]) -> list[int]:
     """Indices of the components that are a band or free in one of the runs; empty where whole poses are followed."""
-    widths = [task.half_widths for _, task in _tasks(reported_runs)]
+    widths = [task.half_widths for _, _, task in _tasks(reported_runs)]
     return [index for index in range(6) if any((each[:, index] > 0.0).any() for each in widths)]
 
 
@@ -42,9 +43,7 @@ def draw_task_components(rows: Sequence[Any], reported_runs: Sequence[ReportedRu
         unit = "mm" if index < 3 else "mrad"
         span, strip = MIN_SPAN, 0.0
         texts: list[str] = []
-        for reported, task in _tasks(reported_runs):
-            series = reported.metrics.series
-            assert series is not None
+        for reported, series, task in _tasks(reported_runs):
             times, widths = series.times_s - reported.zero_s, 1e3 * task.half_widths[:, index]
             values = np.where(series.inside, 1e3 * task.components[:, index], np.nan)
             free, band = np.isinf(widths), np.isfinite(widths) & (widths > 0.0)
@@ -68,14 +67,16 @@ def draw_task_components(rows: Sequence[Any], reported_runs: Sequence[ReportedRu
         if len(reported_runs) == 1:
             axes.annotate("\n".join(texts), (1.005, 0.5), fontsize=7.5, color=TEXT_COLOUR, **place)
     if rows:
-        frames = sorted({str(reported.run.settings.get("task.frame", "tool")) for reported, _ in _tasks(reported_runs)})
+        frames = sorted(
+            {str(reported.run.settings.get("task.frame", "tool")) for reported, _, _ in _tasks(reported_runs)}
+        )
         title = f"Within the tolerance ({' or '.join(frames)} axes): bands shaded"
         rows[0].set_title(f"{title}, free parts grey; right: maximum" if len(reported_runs) == 1 else title)
 
 
-def _tasks(reported_runs: Sequence[ReportedRun]) -> list[tuple[ReportedRun, TaskSeries]]:
+def _tasks(reported_runs: Sequence[ReportedRun]) -> list[tuple[ReportedRun, TrackingSeries, TaskSeries]]:
     known = [(reported, reported.metrics.series) for reported in reported_runs]
-    return [(reported, series.task) for reported, series in known if series is not None and series.task is not None]
+    return [(one, series, series.task) for one, series in known if series is not None and series.task is not None]
 
 
 def _short(number: float) -> str:
@@ -90,7 +91,7 @@ def _without_jumps(values: Array, index: int) -> Array:
     """A rotation, mrad, with a gap where it passes half a turn."""
     if index < 3:
         return values
-    found = values.copy()
+    found: Array = values.copy()
     with np.errstate(invalid="ignore"):
         found[1:][np.abs(np.diff(values)) > 1e3 * np.pi] = np.nan
     return found

@@ -122,9 +122,10 @@ def test_the_pictures_show_free_parts_and_bands_apart_from_the_errors(tmp_path: 
     one = reported(run)
     series = one.metrics.series
     assert series is not None
-    for draw in (lambda: draw_summary(one), lambda: draw_overlay([one, one])):
-        with report_style():
-            found = drawn_components(draw())
+    with report_style():
+        pages = draw_summary(one), draw_overlay([one, one])
+    for page in pages:
+        found = drawn_components(page)
         assert sorted(found) == ["rz", "z"]
         (strip, *_), (line, *_) = found["z"].collections, found["z"].lines
         assert np.abs(strip.get_paths()[0].vertices[:, 1]).max() == pytest.approx(20.0)

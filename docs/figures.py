@@ -76,6 +76,13 @@ TASKS: dict[str, tuple[Sequence[str], str, Sequence[str]]] = {
 """Name -> options of ``ik_demo``, half-widths, components that are not exact."""
 BASE = ("pouring", "so101")
 """Tasks with the axes of the base."""
+TORCH = (
+    *("--robot", "ur5", "--trajectory", "hold", "--method", "obstacle_gradient"),
+    *("--set", "tool_offset=[0.1, 0.0, 0.1, 0.0, 0.38268343, 0.0, 0.92387953]"),
+    *("--set", "obstacles.self_collision=false"),
+)
+"""A UR5 that holds a torch at 45 deg beside the ball :data:`TORCH_BALL`."""
+TORCH_BALL, BALL_RADIUS_M = (0.3, 0.1, 0.3), 0.05
 
 
 def draw_methods(to: Path) -> None:
@@ -102,6 +109,51 @@ def draw_tasks(to: Path) -> None:
             ]
             task = TaskTolerance([float(word) for word in widths.split()], frame)
             _draw_task(to / f"{name}.webp", read_reported_runs(bags), task, shown)
+    draw_pushed_away(to / "pushed_away.webp")
+
+
+def draw_pushed_away(path: Path) -> None:
+    """Draws a UR5 that points, and the same with its whole pose held, while a ball pushes the arm away."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.yaml"
+        shape = f"sphere: {{radius: {BALL_RADIUS_M}}}"
+        scene.write_text(f"obstacles: [{{name: ball, {shape}, position: {list(TORCH_BALL)}}}]")
+        tolerance = "task.tolerance=[0.0, 0.0, 0.0, 0.0, 0.0, {}]"
+        bags = [
+            _recorded(Path(folder) / f"spin_{spin}", *TORCH, "--scene", str(scene), "--set", tolerance.format(spin))
+            for spin in ("0.0", ".inf")
+        ]
+        held, pointing = read_reported_runs(bags)
+    pair = ((held, GREY, "whole pose"), (pointing, BLUE, "spin free"))
+    with report_style():
+        figure, space, upper, lower = _figure()
+        points = []
+        for reported, colour, label in pair:
+            row = int(np.flatnonzero(np.isfinite(reported.run.q).all(axis=1))[-1])
+            points.append(_arm_points(reported, row))
+            space.plot(*points[-1].T, color=colour, linewidth=3.0, marker="o", markersize=3.5, label=label)
+            times, values = _clearance(reported)
+            upper.plot(times, values, color=colour)
+            upper.annotate(f"{values[-1]:.0f} mm", (times[-1], values[-1]), xytext=(-2, 3), ha="right", fontsize=8,
+                           textcoords="offset points", color=colour)  # fmt: skip
+        ball = np.array(TORCH_BALL)
+        _draw_ball(space, ball, BALL_RADIUS_M)
+        _equal(space, np.concatenate([*points, ball[None] - BALL_RADIUS_M, ball[None] + BALL_RADIUS_M]))
+        _caption(figure, "At the end; the torch points as before")
+        figure.legend(*space.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.01, 0.06), ncols=2,
+                      frameon=False, fontsize=8)  # fmt: skip
+        upper.set_title("Clearance to the ball [mm]")
+        upper.margins(y=0.3)
+        for index, colour in ((3, VERMILION), (4, GREEN), (5, BLUE)):
+            times, deviation = _deviation(pointing, TaskTolerance((0, 0, 0, 0, 0, np.inf)))
+            lower.plot(times, np.degrees(deviation[:, index]), color=colour, label=COMPONENTS[index])
+        lower.set_title("Rotation of the torch [deg]")
+        lower.legend(loc="lower right", bbox_to_anchor=(1.02, 0.96), ncols=3, frameon=False, fontsize=8,
+                     handlelength=0.9, columnspacing=0.8)  # fmt: skip
+        _share_time(upper, lower, pointing)
+        for axes in (upper, lower):
+            axes.set_xlim(left=float(_clearance(pointing)[0][0]))  # the arm moves before the first target
+        _save(figure, path)
 
 
 def _recorded(folder: Path, *options: str) -> Path:

@@ -110,6 +110,15 @@ def test_displayed_error_agrees_with_displayed_poses(peer: Peer, tmp_path: Path)
     peer.until("poses and error of a standing arm", agree, each)
 
 
+def test_the_tolerance_of_the_task_is_that_of_the_node(peer: Peer, tmp_path: Path) -> None:
+    spin = ("-p", "task.tolerance:=[0.0, 0.0, 0.0, 0.0, 0.0, .inf]", "-p", "task.frame:=base")
+    peer.start("node", tmp_path, ["-p", "robot:=panda", *CALM, "-p", "rate_hz:=100.0", *spin])
+    watcher = LiveViewListener("/ik_node", peer.context)
+    peer.executor.add_node(watcher)
+    task = watcher_settings(peer, watcher).task
+    assert (task.tolerance, task.frame) == ((0.0, 0.0, 0.0, 0.0, 0.0, float("inf")), "base")
+
+
 def watcher_settings(peer: Peer, watcher: LiveViewListener) -> Settings:
     """Requested in a separate thread, as in the viewer, while the peer's executor spins."""
     with ThreadPoolExecutor(1) as pool:

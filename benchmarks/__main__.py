@@ -19,6 +19,7 @@ BENCHMARKS = {
     "replay": "runs of the node with every method, replayed bit for bit, and replay speed",
     "soak": "node, watchdog and simulated arm over DDS for minutes: missed steps, memory, threads, /dev/shm",
     "streams": "tracking of streamed poses in one process, with P control and other baselines",
+    "task": "tolerances on spinning and moving targets: error, settling and time, beside pink and mink",
     "tick": "computing time of the control step by method, robot and obstacles, beside pink and mink",
     "tracking": "the whole loop on known and streamed targets, with tuned baselines",
 }

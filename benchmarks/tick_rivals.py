@@ -27,7 +27,7 @@ RANGE_M = 0.2
 """Distance from which obstacles act."""
 
 
-def _module(name: str) -> Any:
+def optional_module(name: str) -> Any:
     """A module that is optional; None when it is not installed."""
     logging.getLogger(name).setLevel(logging.ERROR)
     try:
@@ -38,12 +38,12 @@ def _module(name: str) -> Any:
 
 def make_pink(robot: Robot, scene: Scene, rate_hz: float) -> Any:
     """The candidate pink; None when it is not installed."""
-    return Pink(robot, scene, rate_hz) if _module("pink") else None
+    return Pink(robot, scene, rate_hz) if optional_module("pink") else None
 
 
 def make_mink(robot: Robot, scene: Scene, rate_hz: float) -> Any:
     """The candidate mink; None when it or MuJoCo is not installed, or the arm has other than revolute joints."""
-    return Mink(robot, scene, rate_hz) if _module("mink") and _module("mujoco") else None
+    return Mink(robot, scene, rate_hz) if optional_module("mink") and optional_module("mujoco") else None
 
 
 class Pink:
@@ -52,7 +52,7 @@ class Pink:
     name = "pink"
 
     def __init__(self, robot: Robot, scene: Scene, rate_hz: float) -> None:
-        pink, barriers = _module("pink"), _module("pink.barriers")
+        pink, barriers = optional_module("pink"), optional_module("pink.barriers")
         self._pink, self._robot, self._dt = pink, robot, 1.0 / rate_hz
         self._barriers: list[Any] = []
         model = data = None
@@ -69,7 +69,7 @@ class Pink:
             data = pin.GeometryData(model)
             pairs = min(len(model.collisionPairs), 20)
             self._barriers = [barriers.SelfCollisionBarrier(pairs, gain=20.0, d_min=0.01)]
-        self._task = _module("pink.tasks").FrameTask(robot.tip_frame, 1.0, 1.0, gain=GAIN * self._dt)
+        self._task = optional_module("pink.tasks").FrameTask(robot.tip_frame, 1.0, 1.0, gain=GAIN * self._dt)
         q = pin.neutral(robot.model)
         self._configuration = pink.Configuration(
             robot.model, robot.model.createData(), q, collision_model=model, collision_data=data
@@ -103,12 +103,13 @@ class Mink:
     name = "mink"
 
     def __init__(self, robot: Robot, scene: Scene, rate_hz: float) -> None:
-        mink, mujoco = _module("mink"), _module("mujoco")
+        mink, mujoco = optional_module("mink"), optional_module("mujoco")
         geometry = collision_geometry.load(robot, self_collision=False)
         self._mink, self._robot, self._dt = mink, robot, 1.0 / rate_hz
         model = mujoco.MjModel.from_xml_string(_mjcf(robot, geometry, scene))
         self._configuration = mink.Configuration(model)
         self._task = mink.FrameTask("tool", "site", 1.0, 1.0, gain=GAIN * self._dt)
+        self._tasks = [self._task]
         names = [f"joint{index}" for index in range(robot.n)]
         limits = robot.limits.velocity
         self._limits = [mink.ConfigurationLimit(model)]
@@ -137,7 +138,7 @@ class Mink:
         del time_ns
         self._configuration.update(q)
         self._qd = self._solve(
-            self._configuration, [self._task], self._dt, solver="daqp", damping=1e-9, limits=self._limits
+            self._configuration, self._tasks, self._dt, solver="daqp", damping=1e-9, limits=self._limits
         )
         return np.asarray(self._qd)
 

@@ -225,7 +225,8 @@ def aims(rows: Sequence[Row], still_settling_s: float) -> list[Aim]:
 
 
 HEADING = (
-    f"{'candidate':26}{'settling':>9}{'error: RMS':>20}{'largest':>20}{'accel.':>10}{'step: 10 %':>12}{'median':>8}{'target':>8}\n"
+    f"{'candidate':26}{'settling':>9}{'error: RMS':>20}{'largest':>20}{'accel.':>10}{'step: 10 %':>12}"
+    f"{'median':>8}{'target':>8}\n"
     f"{'':26}{'s':>9}{'mm':>10}{'mrad':>10}{'mm':>10}{'mrad':>10}{'rad/s2':>10}{'us':>12}{'us':>8}{'us':>8}"
 )
 

@@ -60,7 +60,7 @@ class Scenario(NamedTuple):
             spin = np.eye(3)
         else:
             spin = se3.exp_rotation(np.array((0.0, 0.0, rate * time_s)))
-        pose = start.copy()
+        pose: Array = start.copy()
         if self.frame == "base":
             pose[:3, 3] += shift
             pose[:3, :3] = spin @ turn @ start[:3, :3]

@@ -42,6 +42,10 @@ def _joint_speed(reported: ReportedRun) -> tuple[Array, Array]:
     return reported.times_s, np.linalg.norm(reported.run.joint_velocity, axis=1)
 
 
+def _third_joint(reported: ReportedRun) -> tuple[Array, Array]:
+    return reported.times_s, np.abs(reported.run.joint_velocity[:, 2])
+
+
 def _kinetic(reported: ReportedRun) -> tuple[Array, Array]:
     return reported.times_s, reported.metrics.energy_series.kinetic
 
@@ -59,10 +63,13 @@ def _clearance(reported: ReportedRun) -> tuple[Array, Array]:
 
 METHODS = {
     "plain": Curve("Norm of the joint velocity [rad/s]", _joint_speed, "inertia_weighted"),
+    "joint_weighted": Curve("Speed of joint 3 [rad/s]", _third_joint, "plain"),
     "inertia_weighted": Curve("Kinetic energy of the command [J]", _kinetic, "plain"),
     "gravity_gradient": Curve("Gravitational energy - that at the start [J]", _gravitational, "plain"),
     "obstacle_gradient": Curve("Clearance to the ball [mm]", _clearance, "plain"),
 }
+WEIGHTS = ("--set", "joint_weights=[1.0, 1.0, 10.0, 1.0, 1.0, 1.0, 1.0]")
+"""Those of ``joint_weighted`` in its picture."""
 TASKS: dict[str, tuple[Sequence[str], str, Sequence[str]]] = {
     "welding": (
         ("--robot", "ur5", "--trajectory", "line"),
@@ -89,7 +96,7 @@ def draw_methods(to: Path) -> None:
     """Draws one picture per method: the arm beside that of another method, and what the method lowers."""
     scene = str(resources.config_file("scenes/ball.yaml"))
     with tempfile.TemporaryDirectory() as folder:
-        bags = {name: _recorded(Path(folder) / name, "--method", name, "--scene", scene) for name in METHODS}
+        bags = {name: _recorded(Path(folder) / name, "--method", name, "--scene", scene, *WEIGHTS) for name in METHODS}
         runs = dict(zip(bags, read_reported_runs(list(bags.values())), strict=True))
         for name, curve in METHODS.items():
             _draw_method(to / f"{name}.webp", name, curve, runs)

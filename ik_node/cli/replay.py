@@ -273,7 +273,7 @@ def _report(bags: Sequence[Path], recorded: Path | None, to: Path, shows_table: 
     if shows_table:
         print("\n" + as_table(reported_runs, labels=METHOD_LABELS))
         if any(reported.metrics.method == UNWEIGHTED for reported in reported_runs):
-            print(f"λ task of {UNWEIGHTED} has no unit, because its weight is the identity; the others are momenta")
+            print(f"λ task of {UNWEIGHTED} has no unit (W = I); with the mass matrix it is momentum")
     print(to, file=sys.stderr)
 
 

@@ -141,7 +141,7 @@ def cost_difference(
     task: Problem, answer: constrained.ConstrainedSolution, weight: Array, pull: Array, goal: Array
 ) -> float:
     """Cost minus the least cost with the same J qd and the same joints at their bounds, relative."""
-    qd, fixed = answer.joint_velocity, answer.at_lower | answer.at_upper
+    qd, fixed = answer.joint_velocity, answer.sides[: len(answer.joint_velocity)] > 0
     loose, other = np.flatnonzero(~fixed), qd.copy()
     if len(loose):
         columns = task.jacobian[:, loose]

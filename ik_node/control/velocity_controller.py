@@ -155,11 +155,10 @@ class VelocityController:
 
     def slowing(self) -> str:
         """Status text that names the joints whose last command exceeds a lowered velocity limit; empty for none."""
-        exceeding = self.solver.exceeding(self.velocity)
-        if not exceeding.any():
+        names = self.solver.exceeding(self.velocity)
+        if not names:
             return ""
-        names = ", ".join(name for name, value in zip(self._robot.joints, exceeding, strict=True) if value)
-        return f"a velocity limit was lowered; reduced to it within the acceleration limit: {names}"
+        return f"a velocity limit was lowered; reduced to it within the acceleration limit: {', '.join(names)}"
 
     def slowed(self, velocity: Array, now: Instant) -> Array:
         """``velocity`` (n,) of a ramp, rad/s (m/s), within the velocity limits; see ``lower_velocity_limits``."""
@@ -243,7 +242,7 @@ class VelocityController:
         """Conditions of a control step for the status text."""
         solution, control, solver = output.solution, self._control, self.solver
         found = []
-        if _is_noticeable(solution.truncated_b - solution.deferred_b):
+        if self.truncated and _is_noticeable(solution.truncated_b - solution.deferred_b):
             found.append("near a singularity: a component of the twist is truncated")
         if self._is_deferred(output):
             found.append(f"{DEFERRED}: the joints cannot follow it along its direction")
@@ -258,10 +257,8 @@ class VelocityController:
             found.append("inverse kinematics found no solution near the last one")
         if self._slowing:
             found.append(self._slowing)
-        unlimited = np.isinf(solver.limits.velocity)
-        if unlimited.any():
-            names = ", ".join(name for name, value in zip(self._robot.joints, unlimited, strict=True) if value)
-            found.append(f"no velocity limit in the URDF or limits.velocity: {names}")
+        if solver.unlimited:
+            found.append(f"no velocity limit in the URDF or limits.velocity: {', '.join(solver.unlimited)}")
         if solver.method.note:
             found.append(solver.method.note)
         if solver.without_effect:

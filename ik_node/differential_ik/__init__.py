@@ -4,7 +4,7 @@
 
     ArmState, twist  ->  collision monitor: velocity dampers, repulsive gradient
                      ->  methods: weight and gradient of the cost; posture: secondary gradients
-                     ->  fast_path: closed form, or constrained problem, in one compiled pass
+                     ->  compiled_step: decomposition, closed form, optimum under limits
               else   ->  singularity (singular_directions, singularity_branch): regulated task
                      ->  closed_form: optimum without limits
                      ->  constrained (exact_program, quadratic_program): optimum with limits and dampers

@@ -21,7 +21,8 @@ space of J (rows), and there are two stages:
 1. s: a linear program in (s, z);
 2. z at that s: a quadratic program in the null space.
 
-Null spaces of dimension 0 and 1 are solved exactly (:mod:`ik_node.differential_ik.exact_program`), larger ones by DAQP
+Null spaces of dimension 0 and 1 are solved exactly, in compiled code
+(:func:`ik_node.differential_ik.compiled_step.solve_limited`), larger ones by DAQP
 (:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
 is shortened towards qd_0 until it fits.
 
@@ -42,9 +43,9 @@ from numpy.typing import NDArray
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
 from ik_node.differential_ik.closed_form import IDENTITY, ClosedFormSolution, resolve
+from ik_node.differential_ik.compiled_step import LIMITED, UPPER, active_sides, obeys, solve_limited
 from ik_node.differential_ik.exact_program import (
     BINDING,
-    DAMPER_BINDING,
     ROUNDING,
     ProgramSolution,
     TaskLine,
@@ -62,7 +63,6 @@ from ik_node.math.pseudoinverse import Decomposition, decompose
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds, cause, relaxed
 
-Flags = NDArray[np.bool_]
 MIN_SLACK = 1e-9
 """Slack from which a damper counts as relaxed, m/s."""
 
@@ -83,12 +83,8 @@ class ConstrainedSolution(NamedTuple):
     """s_0."""
     attained: Array
     """J qd, (m,)."""
-    at_lower: Flags
-    """Joints at the lower end of the box, (n,); all False if no constraint binds."""
-    at_upper: Flags
-    """Joints at the upper end of the box, (n,); all False if no constraint binds."""
-    damper_active: Flags
-    """Dampers that bind, (k,)."""
+    sides: NDArray[np.int8]
+    """Active constraints, as in :class:`ik_node.differential_ik.compiled_step.LimitedSolution`."""
     damper_slack: Array
     """By how much each damper was relaxed, (k,), m/s; 0 nearly always."""
     fallback: bool
@@ -99,7 +95,7 @@ class ConstrainedSolution(NamedTuple):
     @property
     def binds(self) -> bool:
         """True if a limit or a damper changed the solution."""
-        return bool(self.at_lower.any() or self.at_upper.any() or self.damper_active.any())
+        return bool(self.sides.any())
 
     def leaves_direction(self, twist: Array) -> bool:
         """True if the limits permit no multiple of ``twist`` (m,)."""
@@ -109,42 +105,34 @@ class ConstrainedSolution(NamedTuple):
         self, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None = None
     ) -> tuple[str, ...]:
         """Names of the active constraints, such as ``velocity panda_joint4`` or ``damper panda_link7 - post``."""
-        names = () if dampers is None else dampers.names
-        return binding_names(self.at_lower, self.at_upper, self.damper_active, bounds, joints, names)
+        return binding_names(self.sides, bounds, joints, () if dampers is None else dampers.names)
 
 
 def binding_names(
-    at_lower: Flags,
-    at_upper: Flags,
-    damper_active: Flags,
-    bounds: JointBounds,
-    joints: tuple[str, ...],
-    dampers: tuple[str, ...],
+    sides: NDArray[np.int8], bounds: JointBounds, joints: tuple[str, ...], dampers: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Names of the active constraints: ``velocity``, ``acceleration`` or ``position`` and a joint, ``damper`` and a
-    pair.
+    """Names of active constraints: ``velocity``, ``acceleration`` or ``position`` and a joint, ``damper`` and a pair.
 
     For a joint whose box is a single point the limit of the lower end is named.
     """
-    sides = enumerate(zip(at_lower.tolist(), at_upper.tolist(), strict=True))
-    names = [f"{cause(bounds, joint, not low)} {joints[joint]}" for joint, (low, high) in sides if low or high]
-    names += [f"damper {name}" for name, active in zip(dampers, damper_active.tolist(), strict=False) if active]
-    return tuple(names)
+    active, n = np.flatnonzero(sides).tolist(), len(joints)
+    names = [f"{cause(bounds, joint, sides[joint] == UPPER)} {joints[joint]}" for joint in active if joint < n]
+    return (*names, *(f"damper {dampers[row - n]}" for row in active if row >= n))
 
 
 def relaxed_names(
-    limited: ConstrainedSolution | None, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None
+    limited: ConstrainedSolution, bounds: JointBounds, joints: tuple[str, ...], dampers: VelocityDampers | None
 ) -> tuple[str, ...]:
     """Names of the limits and dampers that were relaxed because stronger ones contradict them.
 
     Args:
-        limited: The solution; None if no constraint was active.
+        limited: The solution.
         bounds: Limits of this control step.
         joints: Names of the joints.
         dampers: Velocity dampers.
     """
     names = relaxed(bounds, joints)
-    if limited is None or dampers is None:
+    if dampers is None:
         return names
     indices = np.flatnonzero(limited.damper_slack > MIN_SLACK).tolist()
     return (*names, *(f"damper {dampers.names[index]}" for index in indices))
@@ -162,7 +150,6 @@ def solve(
     row_scale: Array | None = None,
     null_space_cap: Array | None = None,
     dampers: VelocityDampers | None = None,
-    unconstrained: ClosedFormSolution | None = None,
     svd: Decomposition | None = None,
     wish: float = 1.0,
     bands: TaskBands | None = None,
@@ -180,7 +167,6 @@ def solve(
         row_scale: Factors of the rows of J, (m,), > 0, as in :func:`ik_node.differential_ik.closed_form.resolve`.
         null_space_cap: Largest null-space velocity of each joint, (n,), > 0, rad/s (m/s).
         dampers: Velocity dampers.
-        unconstrained: The closed form for ``wish`` times the twist, if it is known already.
         svd: Decomposition of J with its rows times ``row_scale``, if it is known already.
         wish: s_wish, 0 to 1. The box may permit a smaller s only; a larger one is chosen if only that keeps the
             direction, or comes nearest to it.
@@ -197,81 +183,63 @@ def solve(
     scale = np.ones(len(jacobian)) if row_scale is None else row_scale
     if svd is None:
         svd = decompose(scale[:, None] * jacobian, "jacobian")
-    if unconstrained is None:
-        unconstrained = resolve(
-            jacobian,
-            wish * twist,
-            weight,
-            gradient,
-            gain,
-            row_scale=scale,
-            null_space_cap=null_space_cap,
-            checked=True,
-            svd=svd,
-        )
-    if is_feasible(unconstrained.joint_velocity, lo, hi, dampers) and (
-        bands is None or bands.hold(unconstrained.joint_velocity, wish)
-    ):
-        return _inactive(unconstrained, jacobian, lo, dampers, wish)
-    return _solve_active(unconstrained, svd, jacobian, twist, lo, hi, weight, gradient, scale, dampers, wish, bands)
-
-
-def is_feasible(velocity: Array, lo: Array, hi: Array, dampers: VelocityDampers | None) -> bool:
-    """True if ``velocity`` (n,) is within the box and obeys the dampers."""
-    if not ((velocity >= lo).all() and (velocity <= hi).all()):
-        return False
-    return dampers is None or bool((dampers.rows @ velocity >= dampers.least).all())
-
-
-def _inactive(
-    unconstrained: ClosedFormSolution, jacobian: Array, lo: Array, dampers: VelocityDampers | None, wish: float
-) -> ConstrainedSolution:
-    """The closed form as a solution in which no constraint binds."""
-    inactive = np.zeros(len(lo), dtype=bool)
-    count = 0 if dampers is None else len(dampers.least)
-    return ConstrainedSolution(
-        unconstrained.joint_velocity,
-        wish,
-        np.zeros(len(lo)),
-        0.0,
-        jacobian @ unconstrained.joint_velocity,
-        inactive,
-        inactive,
-        np.zeros(count, dtype=bool),
-        np.zeros(count),
-        False,
-        unconstrained,
+    unconstrained = resolve(
+        jacobian,
+        wish * twist,
+        weight,
+        gradient,
+        gain,
+        row_scale=scale,
+        null_space_cap=null_space_cap,
+        checked=True,
+        svd=svd,
     )
+    rows, least = (np.zeros((0, len(lo))), np.zeros(0)) if dampers is None else dampers[:2]
+    free, scaled_twist = unconstrained.joint_velocity, scale * twist
+    mass = IDENTITY if weight is None else weight
+    pull = np.zeros(len(lo)) if gradient is None else unconstrained.gain * gradient
+    if bands is None or (obeys(free, lo, hi, rows, least) and bands.hold(free, wish)):
+        found = solve_limited(
+            svd, scaled_twist, float(np.abs(twist).max()), free, wish, lo, hi, rows, least, mass, pull
+        )
+        if found.status <= LIMITED:
+            return ConstrainedSolution(
+                found.joint_velocity,
+                found.task_scale,
+                found.base_velocity,
+                found.base_scale,
+                jacobian @ found.joint_velocity,
+                found.sides,
+                np.zeros(len(least)),
+                False,
+                unconstrained,
+            )
+    return _solve_iteratively(unconstrained, svd, jacobian, twist, lo, hi, mass, pull, scale, rows, least, wish, bands)
 
 
-def _solve_active(
+def _solve_iteratively(
     unconstrained: ClosedFormSolution,
     svd: Decomposition,
     jacobian: Array,
     twist: Array,
     lo: Array,
     hi: Array,
-    weight: Array | None,
-    gradient: Array | None,
+    weight: Array,
+    pull: Array,
     row_scale: Array,
-    dampers: VelocityDampers | None,
+    rows: Array,
+    least: Array,
     wish: float,
     bands: TaskBands | None,
 ) -> ConstrainedSolution:
-    """:func:`solve` for a closed form that violates a constraint."""
-    n = len(lo)
+    """:func:`solve` for what :func:`ik_node.differential_ik.compiled_step.solve_limited` does not solve."""
     base, slack = np.minimum(np.maximum(0.0, lo), hi), np.zeros(0)
-    rows, least = np.zeros((0, n)), np.zeros(0)
-    if dampers is not None and len(dampers.least):
-        base, slack = quadratic_program.nearest_to_rest(base, lo, hi, dampers.rows, dampers.least)
-        rows, least = unit_rows(dampers.rows, dampers.least - slack)
-
+    if len(least):
+        base, slack = quadratic_program.nearest_to_rest(base, lo, hi, rows, least)
+        rows, least = unit_rows(rows, least - slack)
     scaled_twist = row_scale * twist
     line = task_line(svd, scaled_twist, float(np.abs(twist).max()))
-    mass = IDENTITY if weight is None else weight
-    pull = np.zeros(n) if gradient is None else unconstrained.gain * gradient
-    free = unconstrained.joint_velocity
-    program = (line, lo, hi, rows, least, mass, pull, free, wish, bands)
+    program = (line, lo, hi, rows, least, weight, pull, unconstrained.joint_velocity, wish, bands)
     base_scale = np.nan if base.any() else 0.0
     solution = _solve_program(*program, base, base_scale)
     if np.isnan(solution.scale):
@@ -290,9 +258,7 @@ def _solve_active(
         solution.base_velocity,
         solution.base_scale,
         jacobian @ qd,
-        qd <= lo + BINDING,
-        qd >= hi - BINDING,
-        rows @ qd <= least + DAMPER_BINDING,
+        active_sides(qd, lo, hi, rows, least),
         slack,
         solution.fallback,
         unconstrained,

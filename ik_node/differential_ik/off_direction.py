@@ -20,7 +20,7 @@ MIN_EFFECT = 1e-3
 
 def limits_off_direction(
     off_direction: Array,
-    limited: ConstrainedSolution | None,
+    limited: ConstrainedSolution,
     jacobian: Array,
     row_scale: Array,
     bounds: JointBounds,
@@ -33,24 +33,24 @@ def limits_off_direction(
 
     Args:
         off_direction: r = J qd - s V_f, (6,).
-        limited: The solution under limits; None if no limit was active.
+        limited: The solution under limits.
         jacobian: J, (6, n).
         row_scale: D, (6,).
         bounds: Limits of this control step.
         joints: Names of the joints.
         dampers: Velocity dampers.
     """
-    if limited is None or np.abs(off_direction).max() <= MIN_OFF_DIRECTION:
+    if not limited.binds or np.abs(off_direction).max() <= MIN_OFF_DIRECTION:
         return ()
     scaled_jacobian = row_scale[:, None] * jacobian
     gradient = scaled_jacobian.T @ (row_scale * off_direction)
-    effect = np.where(limited.at_lower, gradient, 0.0) - np.where(limited.at_upper, gradient, 0.0)
-    effect = np.where(limited.at_lower & limited.at_upper, np.abs(gradient), effect)
+    sides = limited.sides[: len(joints)]
+    effect = np.choose(sides, (0.0, gradient, -gradient, np.abs(gradient)))
     order = np.argsort(-effect, kind="stable").tolist()
     least = MIN_EFFECT * float(np.abs(gradient).max())
     names = [
         f"{cause(bounds, joint, gradient[joint] < 0.0)} {joints[joint]}" for joint in order if effect[joint] > least
     ]
     if dampers is not None:
-        names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(limited.damper_active).tolist()]
+        names += [f"damper {dampers.names[index]}" for index in np.flatnonzero(limited.sides[len(joints) :]).tolist()]
     return tuple(names) or limited.binding(bounds, joints, dampers)

@@ -57,7 +57,7 @@ from ik_node.differential_ik.singular_directions import (
 from ik_node.differential_ik.singularity_branch import Branch, track_branch
 from ik_node.differential_ik.viable_scale import MIN_RATE
 from ik_node.math.numerics import smoothstep, smoothstep_ratio
-from ik_node.math.pseudoinverse import Decomposition, decompose
+from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import JointBounds, MotionLimits
 from ik_node.settings.groups import SingularitySettings
@@ -140,6 +140,7 @@ def regulate_singularities(
     bounds: JointBounds,
     limits: MotionLimits,
     row_scale: Array,
+    svd: Decomposition,
     settings: SingularitySettings,
     state: SingularityState,
     elapsed_s: float,
@@ -156,12 +157,12 @@ def regulate_singularities(
         bounds: Limits of this control step.
         limits: Limits of the joints.
         row_scale: D, (m,).
+        svd: Decomposition of D J.
         settings: Threshold, tolerance and timeout.
         state: ``state`` of the last result.
         elapsed_s: For how long the present command has been held, s.
         scale_before: Scale s that the limits permitted in the last control step.
     """
-    svd = decompose(row_scale[:, None] * jacobian, "jacobian")
     size = len(svd.sigma)
     u, sigma, rows = svd.u, svd.sigma, svd.vt[:size]
     if sigma[-1] >= settings.threshold:

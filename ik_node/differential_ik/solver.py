@@ -10,9 +10,9 @@ from ik_node.collision.distances import ClosestPair
 from ik_node.collision.monitor import CollisionMonitor
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.closed_form import IDENTITY, NO_GRADIENT
-from ik_node.differential_ik.constrained import relaxed_names
+from ik_node.differential_ik.compiled_step import FREE, NO_ORDER, StepSolution, solve_step, stacked_limits
+from ik_node.differential_ik.constrained import binding_names, relaxed_names
 from ik_node.differential_ik.deadlock import TIMEOUT_S, executed_fraction, is_truncated, release_direction, stalled_time
-from ik_node.differential_ik.fast_path import LOWER, NO_ORDER, UPPER, FastSolution, solve_fast, stacked_limits
 from ik_node.differential_ik.locked_joints import FreeJoints, FreeRows
 from ik_node.differential_ik.manipulability import manipulability_potential
 from ik_node.differential_ik.off_direction import limits_off_direction
@@ -24,11 +24,13 @@ from ik_node.differential_ik.task_problem import MULTIPLIER_FADE_M, TaskProblem
 from ik_node.differential_ik.task_rows import TaskRows
 from ik_node.differential_ik.twist_change import solve_gradually
 from ik_node.differential_ik.viable_scale import Prediction, viable_scale
+from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import (
     ROUNDING,
     JointBounds,
     MotionLimits,
+    exceeds,
     joint_bounds,
     largest_change,
     motion_limits,
@@ -68,7 +70,6 @@ class DifferentialIkSolver:
         self.collision_monitor = CollisionMonitor(robot, settings.obstacles)
         self.method = SelectedMethod(robot, settings, methods)
         self._snapshot = INITIAL
-        self._no_limits = np.zeros(0)
         self._locked: tuple[str, ...] = ()
         self.configure(settings)
 
@@ -82,6 +83,8 @@ class DifferentialIkSolver:
         limits = motion_limits(self._robot, settings.limits, settings.control.rate_hz)
         self.method.configure(settings)
         self._velocity_limit = limits.velocity
+        self.unlimited = tuple(self._robot.joints[index] for index in np.flatnonzero(np.isinf(limits.velocity)))
+        """Names of the joints without a velocity limit."""
         self.collision_monitor.configure(settings.obstacles)
         self._control = settings.control
         self._singularity = settings.singularity
@@ -89,7 +92,7 @@ class DifferentialIkSolver:
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self.method.avoids_obstacles else OTHER_SPEED_FRACTION
         self._null_space_cap = np.full(len(free), fraction * settings.control.null_space_speed)
-        self._fast_threshold = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
+        self._regular_from = max(settings.singularity.threshold, MULTIPLIER_FADE_M)
         self._joints = tuple(self._robot.joints[index] for index in free)
         """Joints of the problem; those that are not locked."""
         self._free = FreeJoints(self._robot.joints, free) if len(free) < self._robot.n else None
@@ -105,9 +108,12 @@ class DifferentialIkSolver:
         """Of the joints of the problem."""
         self._per_joint = stacked_limits(self._own_limits, self._null_space_cap)
 
-    def exceeding(self, velocity: Array) -> NDArray[np.bool_]:
-        """(n,), bool: joints whose velocity (n,), rad/s (m/s), is over a velocity limit that was lowered."""
-        return np.asarray(np.abs(velocity) > self._velocity_limit + ROUNDING)
+    def exceeding(self, velocity: Array) -> tuple[str, ...]:
+        """Names of the joints whose velocity (n,), rad/s (m/s), is over a velocity limit that was lowered."""
+        if not exceeds(velocity, self._velocity_limit):
+            return ()
+        over = np.abs(velocity) > self._velocity_limit + ROUNDING
+        return tuple(self._robot.joints[index] for index in np.flatnonzero(over))
 
     def lower_velocity_limits(self, previous: Array, elapsed_s: float) -> None:
         """Sets the velocity limits of the next command: those of the settings, unless the last command exceeds them.
@@ -119,10 +125,10 @@ class DifferentialIkSolver:
             previous: Last command, (n,), rad/s (m/s).
             elapsed_s: Time since the last command, s.
         """
-        limit, exceeding = self._velocity_limit, self.exceeding(previous)
-        if exceeding.any():
-            change = largest_change(self.limits.acceleration, elapsed_s, self.limits.dt_max_s)
-            limit = np.where(exceeding, np.maximum(limit, np.abs(previous) - change), limit)
+        limit = self._velocity_limit
+        if exceeds(previous, limit):
+            speed, change = np.abs(previous), largest_change(self.limits.acceleration, elapsed_s, self.limits.dt_max_s)
+            limit = np.where(speed > limit + ROUNDING, np.maximum(limit, speed - change), limit)
         elif self.limits.velocity is limit:
             return
         self._set_limits(self.limits._replace(velocity=limit))
@@ -195,11 +201,31 @@ class DifferentialIkSolver:
     ) -> DifferentialIkSolution:
         """The solution for the joints of the problem; all arguments are those of these joints."""
         row_scale, gain = rows.row_scale, 0.0 if gradient is None else self._control.gradient_gain
-        fast = self._solve_fast(state, rows, jacobian, twist, weight, gradient, gain, terms, order)
-        if fast is not None:
-            return fast
+        dampers = None if terms is None else terms.dampers
+        step = solve_step(
+            jacobian,
+            twist,
+            row_scale,
+            self._regular_from,
+            IDENTITY if weight is None else weight,
+            NO_GRADIENT if gradient is None else gradient,
+            gain,
+            self._per_joint,
+            self._own_limits.dt_max_s,
+            self._own_limits.recovery_speed,
+            state.q,
+            state.previous,
+            state.elapsed_s,
+            *((self._no_rows, NO_GRADIENT) if dampers is None else dampers[:2]),
+            order,
+            self._singularity.tolerance,
+        )
+        if step.is_solved and (rows.bands is None or rows.bands.hold(step.joint_velocity, step.task_scale)):
+            solution = self._solution(step, state, rows, twist, terms)
+            if solution is not None:
+                return solution
         bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
-        task = self._regulated(rows, state, jacobian, twist, bounds)
+        task = self._regulated(rows, state, jacobian, twist, bounds, step.svd)
         if task.retention < 1.0 and task.state.branch is None and len(self._joints) > len(twist):
             # The null space leads the arm away from the singularity that it started in.
             force = (1.0 - task.retention) * ESCAPE_N
@@ -209,23 +235,23 @@ class DifferentialIkSolver:
         problem = TaskProblem(
             task.jacobian, weight, gradient, gain, row_scale, self._null_space_cap, task.svd, rows.bands
         )
-        dampers = None if terms is None else terms.dampers
         wish = task.singularity_scale
         if len(order):
             ahead = Prediction(jacobian, order, row_scale, twist, self._singularity.tolerance, task.kept)
             wish = min(wish, viable_scale(ahead, state.q, state.previous, self.limits))
         previous = state.previous if len(order) and self._snapshot.stalled_s <= TIMEOUT_S else None
         found = solve_gradually(problem, jacobian, task.twist, wish, previous, bounds, dampers)
-        closed, limited, scale, deferred, share = found
+        limited, deferred, share = found
+        closed, scale = limited.unconstrained, limited.task_scale
         truncated = task.truncated + deferred
         progress = (1.0 - share) * scale
         if task.singular_values[-1] < MULTIPLIER_FADE_M:
-            closed = problem.with_faded_multipliers(closed, jacobian, twist)
+            closed = problem.with_faded_multipliers(closed, jacobian, twist, step.svd)
         ratio = 1.0 if progress >= task.singularity_scale else progress / task.singularity_scale
         # A singularity that is passed slowly is passed: what it asks for is no stall.
         stalled_s = self._stalled_time(twist, executed_fraction(twist, ratio * task.twist, row_scale), state.elapsed_s)
         self._snapshot = SolverSnapshot(task.state, ratio, stalled_s)
-        velocity = closed.joint_velocity if limited is None else limited.joint_velocity
+        velocity = limited.joint_velocity
         if stalled_s > TIMEOUT_S:
             velocity = release_direction(velocity, jacobian, twist, row_scale, bounds, dampers, stalled_s)
         velocity = within_velocity_limits(velocity, bounds.velocity)
@@ -243,7 +269,7 @@ class DifferentialIkSolver:
             rows.wrench(closed.multiplier_task),
             rows.wrench(closed.multiplier_potential),
             rows.all_singular_values(task.singular_values),
-            active if limited is None else (*limited.binding(bounds, self._joints, dampers), *active),
+            (*limited.binding(bounds, self._joints, dampers), *active),
             relaxed_names(limited, bounds, self._joints, dampers),
             NO_PAIR if terms is None else terms.closest,
             deferred if share > 0.0 else NO_TRUNCATION,
@@ -251,7 +277,13 @@ class DifferentialIkSolver:
         )
 
     def _regulated(
-        self, rows: TaskRows, state: ArmState, jacobian: Array, twist: Array, bounds: JointBounds
+        self,
+        rows: TaskRows,
+        state: ArmState,
+        jacobian: Array,
+        twist: Array,
+        bounds: JointBounds,
+        svd: Decomposition,
     ) -> RegulatedTask:
         """What singularities leave of the twist."""
         if rows.is_empty:
@@ -265,6 +297,7 @@ class DifferentialIkSolver:
             bounds,
             self._own_limits,
             rows.row_scale,
+            svd,
             self._singularity,
             self._snapshot.singularity,
             state.elapsed_s,
@@ -324,72 +357,38 @@ class DifferentialIkSolver:
         )
         return found if free is None else free.solution(found, ramp, rows.body_twist(ramp_twist))
 
-    def _solve_fast(
-        self,
-        state: ArmState,
-        task: TaskRows,
-        jacobian: Array,
-        twist: Array,
-        weight: Array | None,
-        gradient: Array | None,
-        gain: float,
-        terms: AvoidanceTerms | None,
-        order: NDArray[np.int64],
+    def _solution(
+        self, step: StepSolution, state: ArmState, rows: TaskRows, twist: Array, terms: AvoidanceTerms | None
     ) -> DifferentialIkSolution | None:
-        """The solution of the fast path; None if it does not apply or a limit has blocked the arm for too long."""
-        rows, least = (self._no_rows, self._no_limits) if terms is None else terms.dampers[:2]
-        fast = solve_fast(
-            jacobian,
-            twist,
-            task.row_scale,
-            self._fast_threshold,
-            IDENTITY if weight is None else weight,
-            NO_GRADIENT if gradient is None else gradient,
-            gain,
-            self._per_joint,
-            self._own_limits.dt_max_s,
-            self._own_limits.recovery_speed,
-            state.q,
-            state.previous,
-            state.elapsed_s,
-            rows,
-            least,
-            order,
-            self._singularity.tolerance,
-        )
-        if not fast.valid or (task.bands is not None and not task.bands.hold(fast.joint_velocity, fast.task_scale)):
-            return None
+        """The solution of a control step that is solved; None if a limit has blocked the arm for too long."""
         before, stalled_s = self._snapshot, 0.0
-        if fast.task_scale < 1.0 or before.stalled_s > 0.0:
-            stalled_s = self._stalled_time(twist, fast.task_scale, state.elapsed_s)
+        if step.task_scale < 1.0 or before.stalled_s > 0.0:
+            stalled_s = self._stalled_time(twist, step.task_scale, state.elapsed_s)
             if stalled_s > TIMEOUT_S:
                 return None
         singularity = before.singularity
         if singularity is not START:
             delay_s = max(0.0, singularity.delay_s - state.elapsed_s)
             singularity = START._replace(delay_s=delay_s) if delay_s > 0.0 else START
-        self._snapshot = SolverSnapshot(singularity, fast.task_scale, stalled_s)
+        self._snapshot = SolverSnapshot(singularity, step.task_scale, stalled_s)
         return DifferentialIkSolution(
-            fast.joint_velocity,
-            fast.task_scale,
-            fast.viable_scale,
+            step.joint_velocity,
+            step.task_scale,
+            step.viable_scale,
             NO_TRUNCATION,
-            task.body_twist(fast.off_direction),
+            rows.body_twist(step.off_direction),
             (),
-            task.wrench(fast.multiplier_task),
-            task.wrench(fast.multiplier_potential),
-            task.all_singular_values(fast.singular_values),
-            self._binding(fast, state, terms) if len(fast.sides) else (),
+            rows.wrench(step.multiplier_task),
+            rows.wrench(step.multiplier_potential),
+            rows.all_singular_values(step.svd.sigma),
+            () if step.status == FREE else self._binding(step, state, terms),
             (),
             NO_PAIR if terms is None else terms.closest,
         )
 
-    def _binding(self, fast: FastSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
+    def _binding(self, step: StepSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
         bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
-        n, sides = len(self._joints), fast.sides
-        dampers = () if terms is None else terms.dampers.names
-        lower, upper = (sides[:n] & LOWER) > 0, (sides[:n] & UPPER) > 0
-        return constrained.binding_names(lower, upper, sides[n:] > 0, bounds, self._joints, dampers)
+        return binding_names(step.sides, bounds, self._joints, () if terms is None else terms.dampers.names)
 
     def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
         limits = self.limits

@@ -46,22 +46,10 @@ class TaskProblem:
             return self.known_svd
         return decompose(self.row_scale[:, None] * self.jacobian, "jacobian")
 
-    def closed_form(self, twist: Array) -> ClosedFormSolution:
-        """The solution without limits for a twist (m,)."""
-        return resolve(
-            self.jacobian,
-            twist,
-            self.weight,
-            self.gradient,
-            self.gain,
-            row_scale=self.row_scale,
-            null_space_cap=self.null_space_cap,
-            checked=True,
-            svd=self.svd,
-        )
-
-    def with_faded_multipliers(self, closed: ClosedFormSolution, jacobian: Array, twist: Array) -> ClosedFormSolution:
-        """``closed`` with the multipliers of a twist (m,) and a Jacobian (m, n) beside a singularity."""
+    def with_faded_multipliers(
+        self, closed: ClosedFormSolution, jacobian: Array, twist: Array, svd: Decomposition
+    ) -> ClosedFormSolution:
+        """``closed`` with the multipliers of a twist (m,), and a Jacobian (m, n) with the ``svd``, at a singularity."""
         faded = resolve(
             jacobian,
             twist,
@@ -71,31 +59,21 @@ class TaskProblem:
             threshold=MULTIPLIER_FADE_M,
             row_scale=self.row_scale,
             checked=True,
+            svd=svd,
         )
         return closed._replace(multiplier_task=faded.multiplier_task, multiplier_potential=faded.multiplier_potential)
 
     def solve(
-        self,
-        twist: Array,
-        wish: float,
-        unconstrained: ClosedFormSolution,
-        bounds: JointBounds,
-        dampers: VelocityDampers | None,
-    ) -> ConstrainedSolution | None:
-        """The solution under limits; None if ``unconstrained``, the closed form of ``wish`` V_f, obeys them.
+        self, twist: Array, wish: float, bounds: JointBounds, dampers: VelocityDampers | None
+    ) -> ConstrainedSolution:
+        """The solution under limits.
 
         Args:
             twist: V_f, (m,).
             wish: The scale that is approached; see :func:`ik_node.differential_ik.constrained.solve`.
-            unconstrained: The closed form.
             bounds: Limits of this control step.
             dampers: Velocity dampers.
         """
-        velocity = unconstrained.joint_velocity
-        if constrained.is_feasible(velocity, bounds.lo, bounds.hi, dampers) and (
-            self.bands is None or self.bands.hold(velocity, wish)
-        ):
-            return None
         return constrained.solve(
             self.jacobian,
             twist,
@@ -107,7 +85,6 @@ class TaskProblem:
             row_scale=self.row_scale,
             null_space_cap=self.null_space_cap,
             dampers=dampers,
-            unconstrained=unconstrained,
             svd=self.svd,
             wish=wish,
             bands=self.bands,

@@ -17,7 +17,6 @@ import daqp
 import numpy as np
 
 from ik_node.collision.velocity_damper import VelocityDampers
-from ik_node.differential_ik.closed_form import ClosedFormSolution
 from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.exact_program import BINDING, task_line
 from ik_node.differential_ik.quadratic_program import PRIMAL_TOLERANCE, SOLVED, UNLIMITED
@@ -44,11 +43,7 @@ class GradualTwist(NamedTuple):
 class GradualSolution(NamedTuple):
     """The optimum for V_f."""
 
-    closed: ClosedFormSolution
-    limited: ConstrainedSolution | None
-    """None if no limit is active."""
-    scale: float
-    """s."""
+    limited: ConstrainedSolution
     deferred: Array
     """V - V_f, (m,), in the frame of J."""
     present_share: float
@@ -75,17 +70,13 @@ def solve_gradually(
         bounds: Limits of this control step.
         dampers: Velocity dampers.
     """
-    closed = problem.closed_form(wish * twist)
-    limited = problem.solve(twist, wish, closed, bounds, dampers)
-    scale, change = wish if limited is None else limited.task_scale, None
-    if previous is not None and limited is not None and limited.leaves_direction(twist):
+    limited, change = problem.solve(twist, wish, bounds, dampers), None
+    if previous is not None and limited.leaves_direction(twist):
         change = gradual_twist(problem.svd, jacobian, twist, problem.row_scale, wish, previous, bounds)
     if change is None:
-        return GradualSolution(closed, limited, scale, np.zeros(len(twist)), 0.0)
-    closed = problem.closed_form(change.scale * change.twist)
-    limited = problem.solve(change.twist, change.scale, closed, bounds, dampers)
-    scale = change.scale if limited is None else limited.task_scale
-    return GradualSolution(closed, limited, scale, twist - change.twist, change.present_share)
+        return GradualSolution(limited, np.zeros(len(twist)), 0.0)
+    limited = problem.solve(change.twist, change.scale, bounds, dampers)
+    return GradualSolution(limited, twist - change.twist, change.present_share)
 
 
 def gradual_twist(

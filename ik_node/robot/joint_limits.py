@@ -342,6 +342,15 @@ def relaxed(bounds: JointBounds, joints: tuple[str, ...]) -> tuple[str, ...]:
     return (*names, *(f"acceleration {joints[index]}" for index in np.flatnonzero(acceleration)))
 
 
+@compiled
+def exceeds(velocity: Array, limit: Array) -> bool:
+    """True if an entry of ``velocity`` (n,), rad/s (m/s), is over its ``limit`` (n,) by more than rounding."""
+    for i in range(len(velocity)):  # noqa: SIM110 - numba does not compile any() of a generator
+        if abs(velocity[i]) > limit[i] + ROUNDING:
+            return True
+    return False
+
+
 def within_velocity_limits(velocity: Array, limit: Array) -> Array:
     """The last check: ``velocity`` (n,), rad/s (m/s), is finite, and clipped to the velocity limits ``limit`` (n,).
 

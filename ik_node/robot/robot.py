@@ -8,6 +8,7 @@ coordinates.
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,7 @@ class Robot:
         """Number of controlled joints."""
         return len(self.joints)
 
-    @property
+    @cached_property
     def chain_order(self) -> NDArray[np.int64]:
         """(n,): indices of the controlled joints from the base to the tool; empty for an arm with mimic joints."""
         return np.argsort(self._velocity_index) if self._mimic_map is None else np.zeros(0, dtype=np.int64)

@@ -82,7 +82,7 @@ def test_the_constrained_problem_gives_the_closed_form_where_limits_hardly_bind(
             (hi if qd[fastest] > 0.0 else lo)[fastest] = (1.0 - 1e-12) * qd[fastest]
             long_way = constrained.solve(task.jacobian, task.twist, lo, hi, task.weight, task.gradient, task.gain)
             assert long_way.binds
-            assert (long_way.at_lower | long_way.at_upper).sum() == 1
+            assert np.count_nonzero(long_way.sides) == 1
             assert long_way.task_scale == pytest.approx(1.0, abs=1e-9)
             assert long_way.joint_velocity == pytest.approx(qd, rel=1e-8, abs=1e-8)
 
@@ -192,7 +192,7 @@ def test_a_damper_limits_approach_and_never_retreat() -> None:
     assert (away.joint_velocity == resolve(jacobian, -towards, checked=True).joint_velocity).all()
     slowed = constrained.solve(jacobian, towards, -box, box, dampers=dampers)
     assert slowed.attained == pytest.approx(0.25 * towards, abs=1e-12)
-    assert slowed.damper_active.tolist() == [True]
+    assert slowed.sides.tolist() == [0] * 6 + [1]
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 4])

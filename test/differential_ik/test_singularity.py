@@ -18,6 +18,7 @@ from loop import READY, Loop, make_robot
 from ik_node.differential_ik import constrained
 from ik_node.differential_ik.singularity import START, RegulatedTask, SingularityState, regulate_singularities
 from ik_node.differential_ik.singularity_branch import Branch, track_branch
+from ik_node.math import pseudoinverse
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import MotionLimits, joint_bounds, motion_limits
 from ik_node.robot.robot import Robot
@@ -67,6 +68,7 @@ def regulate(
         joint_bounds(limits, q, now, PERIOD_S),
         limits,
         ROW_SCALE,
+        pseudoinverse.decompose(ROW_SCALE[:, None] * robot.evaluate(q).jacobian_b),
         SETTINGS,
         state,
         PERIOD_S,

@@ -124,7 +124,7 @@ def refuse_unknown(argv: list[str]) -> None:
 
 
 def end_with_launch(context: LaunchContext) -> dict[str, str] | None:
-    """Return the environment with which a process gets SIGINT when launch itself was killed.
+    """Return the environment with which a process gets SIGTERM when launch itself was killed.
 
     Not with a launch prefix: launch is not the parent then.
     """

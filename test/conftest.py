@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -22,6 +23,9 @@ os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROJECT / "config" / "fastdds
 os.environ.setdefault("ROS_LOG_DIR", tempfile.mkdtemp(prefix="ik_node_test_log_"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("RMW_IMPLEMENTATION", None)
+# Tests send these signals to their children; background jobs of a shell and nohup leave them ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 _while_this_runs = ExitStack()

@@ -17,14 +17,14 @@ PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent_if_requested() -> None:
-    """Let Linux send SIGINT to this process when its parent ends, so that no orphan moves an arm.
+    """Let Linux send SIGTERM to this process when its parent ends, so that no orphan moves an arm.
 
     Raises:
         SystemExit: The parent had ended before Linux was asked.
     """
     parent = os.environ.get(END_WITH_PARENT, "")
     if parent and sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if str(os.getppid()) != parent:
             raise SystemExit("error: the parent process has ended")
 
@@ -56,11 +56,12 @@ class NodeProcess:
         """Exit code; None while the process runs."""
         return self._process.poll()
 
-    def stop(self, signal_number: int = signal.SIGINT, timeout_s: float | None = None) -> int:
+    def stop(self, signal_number: int = signal.SIGTERM, timeout_s: float | None = None) -> int:
         """Send a signal, and wait for the end however long a ramp to zero takes.
 
         Args:
-            signal_number: SIGINT or SIGTERM; a node ramps to zero, whatever that takes.
+            signal_number: SIGINT or SIGTERM; a node ramps to zero, whatever that takes. A background job of a shell
+                ignores SIGINT, and so do its children until they handle it themselves.
             timeout_s: For tests only: SIGKILL after this time. A node that is killed leaves a velocity standing.
 
         Returns:

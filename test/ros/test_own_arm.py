@@ -86,7 +86,9 @@ def child_of(parent: int, module: str) -> int | None:
 
 def test_a_demonstration_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
     out = tmp_path / "new" / "run"
-    command = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), "--trajectory", "hold"]
+    demonstration = [sys.executable, "-m", "ik_node.cli.demo", "--headless", "--out", str(out), "--trajectory", "hold"]
+    # A background job of a shell and its children ignore SIGINT.
+    command = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", *demonstration]
     with own_domain() as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)

@@ -13,10 +13,12 @@ from ik_node.errors import IkNodeError
 BENCHMARKS = {
     "archive": "recordings replayed per minute, with 1 and 2 processes and Dask workers",
     "ik": "inverse kinematics: success rate and time on random poses, with published tables",
+    "latency": "joint state out to command in over DDS, beside a node that echoes",
     "limits": "stress targets against joint limits, starts outside limits, lag and noise, singularities",
     "obstacles": "gradients, scenes beside the path, obstacles on the path, computing time",
     "recording": "cost of recording for the control loop, loss by a kill, a long run",
     "replay": "runs of the node with every method, replayed bit for bit, and replay speed",
+    "scale": "computing time of a control step for 1 to 8 arms, in one process and in one each",
     "soak": "node, watchdog and simulated arm over DDS for minutes: missed steps, memory, threads, /dev/shm",
     "streams": "tracking of streamed poses in one process, with P control and other baselines",
     "task": "tolerances on spinning and moving targets: error, settling and time, beside pink and mink",

@@ -13,12 +13,13 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from benchmarks.tick_parts import PartTimes
 from benchmarks.tick_rivals import make_mink, make_pink
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.distances import DistanceQuery
@@ -152,8 +153,13 @@ def circle(start: Array, time_s: float) -> Array:
     return np.asarray(pose)
 
 
-def compare(candidates: Sequence[Candidate], robot: Robot, start: Array, steps: int) -> list[tuple[Array, Array]]:
-    """Runs all candidates in turns; returns times, us, and residuals of each step of each candidate."""
+def compare(
+    candidates: Sequence[Candidate], robot: Robot, start: Array, steps: int, after: Callable[[], None] = lambda: None
+) -> list[tuple[Array, Array]]:
+    """Runs all candidates in turns; returns times, us, and residuals of each step of each candidate.
+
+    ``after`` is called after each step, before its residual is computed.
+    """
     period_ns = round(NS / RATE_HZ)
     lower, upper = robot.limits.lower, robot.limits.upper
     pose = robot.pose(start)
@@ -172,12 +178,36 @@ def compare(candidates: Sequence[Candidate], robot: Robot, start: Array, steps: 
                     begin_ns = time.perf_counter_ns()
                     qd = candidate.step(q, time_ns)
                     times[tick] = 1e-3 * (time.perf_counter_ns() - begin_ns)
+                    after()
                     residuals[tick] = candidate.residual()
                     q = np.clip(q + qd / RATE_HZ, lower, upper)
                 states[number] = q
     finally:
         gc.enable()
     return results
+
+
+def parts(arm: str, obstacles: int, steps: int) -> None:
+    """Prints where the time of a control step goes, per method, without distances and as shipped."""
+    for method in ("plain", "inertia_weighted", "obstacle_gradient"):
+        for geometry in ("none", "hull"):
+            if method == "obstacle_gradient" and geometry == "none":
+                continue
+            values: dict[str, Any] = {"rate_hz": RATE_HZ, "follow.enabled": False, "method": method}
+            settings = Settings(arm=ARMS[arm]).with_values({**values, "obstacles.geometry": geometry})
+            robot = catalogue.robot_from_settings(settings.arm)
+            start = np.array(START[arm])[: robot.n]
+            scene = scene_of(robot, start, obstacles if method == "obstacle_gradient" else 0, 0)
+            candidate = Ours(method, robot, settings, scene)
+            compare([candidate], robot, start, steps // 2)  # what the first steps alone compute
+            times = PartTimes()
+            try:
+                candidate = Ours(method, robot, settings, scene)
+                compare([candidate], robot, start, steps, times.next_step)
+            finally:
+                times.close()
+            what = f"{len(scene.obstacles)} obstacles" if len(scene.obstacles) else f"obstacles.geometry {geometry}"
+            print(f"{arm}, {method}, {what}\n{times.table()}", flush=True)
 
 
 def measure(arm: str, case: str, obstacles: int, steps: int, rivals: bool) -> list[Row]:
@@ -237,9 +267,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--obstacles", nargs="+", type=int, default=[0, 5, 20, 200, 2000], help="20 at most are near [%(default)s]"
     )
     parser.add_argument("--steps", type=int, default=2000, help="steps per candidate [%(default)s]")
+    parser.add_argument("--parts", action="store_true", help="print where the time of a step goes, and nothing else")
     parser.add_argument("--ours", action="store_true", help="without pink and mink")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     options = parser.parse_args(arguments)
+    if options.parts:
+        for arm in options.robots:
+            parts(arm, 20, options.steps)
+        return 0
     rows: list[Row] = []
     print(f"{'robot':7}{'case':10}{'obstacles':>10}  {'candidate':34}{'10 %':>8}{'median':>8}{'99 %':>8} us   residual")
     for arm in options.robots:

@@ -34,7 +34,7 @@ from ik_node.settings.groups import Settings
 from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.settings.schema import Value
 
-STEPS = 20
+STEPS = 6
 """Control steps per scenario."""
 SAMPLES = 12
 """Poses of a stream; enough for the comparison of its predictors."""

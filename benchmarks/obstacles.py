@@ -17,9 +17,13 @@ from benchmarks.sections import Section, SectionResult, print_sections
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.avoidance import avoidance_terms
 from ik_node.collision.distances import DistanceQuery
+from ik_node.collision.monitor import UPRIGHT, CollisionMonitor
 from ik_node.collision.scene import Scene, obstacle, shape
+from ik_node.interfaces.clock import NS, Instant
+from ik_node.interfaces.samples import ObstacleSample
 from ik_node.math import se3
 from ik_node.math.types import Array
+from ik_node.robot.frames import Frames
 from ik_node.settings.groups import ObstacleSettings
 
 
@@ -99,6 +103,35 @@ def speed(ticks: int = 3000) -> SectionResult:
     return SectionResult(lines, True)
 
 
+def messages(count: int = 500, moved: int = 10, rounds: int = 200) -> SectionResult:
+    """Measure taking a MarkerArray of ``count`` spheres of which ``moved`` moved, and the next control step."""
+    robot, rng = arm("panda"), np.random.default_rng(1)
+    monitor, frames = CollisionMonitor(robot, ObstacleSettings()), Frames(robot)
+    direction = rng.normal(size=(count, 3))
+    places = 2.0 * direction / np.linalg.norm(direction, axis=1)[:, None]
+    q, still = np.array(scenes.READY), np.zeros(robot.n)
+    taken, stepped, quiet = list[float](), list[float](), list[float]()
+    for number in range(rounds):
+        places[rng.choice(count, moved, replace=False)] += 0.01 * rng.normal(size=(moved, 3))
+        samples = tuple(
+            ObstacleSample(0, robot.base_frame, f"{index}", "add", "sphere", (0.05,), place.copy(), UPRIGHT, 0)
+            for index, place in enumerate(places)
+        )
+        now = Instant(NS + number * NS // 30, NS + number * NS // 30)
+        begin = time.perf_counter()
+        monitor.update_obstacles(samples, frames, now, NS)
+        taken.append(time.perf_counter() - begin)
+        for times in (stepped, quiet):
+            begin = time.perf_counter()
+            monitor.update(q, still, np.full(7, 0.02), 0.01, now.monotonic_ns, True)
+            times.append(time.perf_counter() - begin)
+    lines = [f"  panda, {count} spheres at 30 Hz of which {moved} moved:"]
+    for what, times in (("message", taken), ("distances in the next step", stepped), ("in the one after", quiet)):
+        low, median = 1e6 * np.quantile(times[10:], (0.1, 0.5))
+        lines.append(f"    {what:28} 10 % {low:.0f} us, median {median:.0f} us")
+    return SectionResult(lines, True)
+
+
 def conservative() -> SectionResult:
     """List by how much hulls exceed their links, and the checked pairs."""
     lines = []
@@ -119,7 +152,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--anywhere", action="store_true", help="also obstacles that null-space motion cannot avoid")
     parser.add_argument("--positions", type=int, default=300, help="positions per kind of gradient")
     parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers")
-    parser.add_argument("--only", choices=("scenes", "path", "gradients", "speed", "geometry"), nargs="+", default=[])
+    parser.add_argument(
+        "--only", choices=("scenes", "path", "gradients", "speed", "messages", "geometry"), nargs="+", default=[]
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object per row instead of the tables")
     options = parser.parse_args(arguments)
     sections: dict[str, Section] = {
@@ -128,6 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "scenes": lambda: scenes.table(options.scenes, options.seed, options.anywhere),
         "path": lambda: _both(scenes.on_the_path("ur5"), scenes.on_the_path("panda")),
         "speed": speed,
+        "messages": messages,
     }
     return print_sections(sections, options.only, options.json)
 

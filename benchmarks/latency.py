@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ik_node import resources
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
 from ik_node.math.types import Array
+from ik_node.ros.own_domain import use_own_domain
 
 RATES_HZ = (250.0, 500.0, 1000.0)
 SETTLE_S = 3.0
@@ -170,9 +170,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table; returns 1 when an aim is missed."""
     options = parser().parse_args(arguments)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
+    use_own_domain()
     rows: list[Row] = []
     print(f"{'Hz':>6}  {'candidate':16}{'sent':>8}{'missed':>8}{'median':>9}{'99 %':>9}{'99.9 %':>9} us{'CPU':>7}")
     with tempfile.TemporaryDirectory() as scratch:

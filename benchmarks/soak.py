@@ -21,6 +21,7 @@ import numpy as np
 from ik_node import resources
 from ik_node.errors import IkNodeError
 from ik_node.interfaces.clock import NS
+from ik_node.ros.own_domain import use_own_domain
 
 MEMORY_ALLOWED_MB_MIN = 0.2
 """Growth of a process after its first third: 0.1 GB in eight hours."""
@@ -75,9 +76,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; return 1 when memory, threads or files grow, or the node missed steps by itself."""
     options = parser().parse_args(arguments)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
+    use_own_domain()
     from ik_node.ros.child_process import NodeProcess  # the middleware reads the environment when it is loaded
 
     with tempfile.TemporaryDirectory() as scratch:

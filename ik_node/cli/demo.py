@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ik_node import resources
 from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
 from ik_node.errors import IkNodeError, MissingPackageError, SettingsError
+from ik_node.ros.own_domain import use_own_domain
 from ik_node.settings.method_names import METHOD_NAMES
 
 if TYPE_CHECKING:
@@ -78,9 +77,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; the exit code is that of --help."""
     options = parser().parse_args(arguments)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(resources.config_file("fastdds_quick_discovery.xml")))
+    use_own_domain()
     code = UNUSABLE
     try:
         options_of_run = checked_options(options)

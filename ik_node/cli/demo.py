@@ -13,7 +13,7 @@ from ik_node.cli.entry import command_line
 from ik_node.cli.pose_file_options import add_options, format_from, refuse_given
 from ik_node.errors import IkNodeError, MissingPackageError, SettingsError
 from ik_node.ros.own_domain import use_own_domain
-from ik_node.settings.method_names import METHOD_NAMES
+from ik_node.settings.method_names import ALL_METHODS, METHOD_NAMES
 
 if TYPE_CHECKING:
     from ik_node.ros.demo.options import DemoOptions
@@ -30,6 +30,7 @@ examples:
   ik_demo --urdf my_arm.urdf                         an arm of your own; ik_config my_arm.urdf prints its parameters
   ik_demo --config my_arm.yaml --trajectory circle
   ik_demo --no-ros --method inertia_weighted         without ROS, faster than real time
+  ik_demo --no-ros --method all                      energies, multipliers, null-space motion of all methods
   ik_demo --trajectory poses.csv --units mm          a file of poses
 
 exit code: 0 done; 1 a process failed; 2 an argument or file cannot be used, nothing was started; 130 ended by Ctrl-C
@@ -51,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--base", help="frame {s} of the targets [as configured, else the root of the model]")
     result.add_argument("--tip", help="tool frame {b} [as configured, else the end of the arm, without a gripper]")
     result.add_argument("--config", type=Path, help="parameter file [config/<robot>.yaml, or made from --urdf]")
-    names = f"{', '.join(METHOD_NAMES)}, or package.module:name"
+    names = f"{', '.join(METHOD_NAMES)}, or package.module:name; with --no-ros also {ALL_METHODS}: side by side"
     result.add_argument("--method", help=f"method that resolves redundancy: {names} [as configured]")
     result.add_argument(
         "--trajectory", default=SHAPES[0], help=f"{', '.join(SHAPES)}, or a file of poses [%(default)s]"
@@ -109,6 +110,9 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
     from ik_node.ros.demo.options import DemoOptions, checked_overrides
 
     assignments = list(options.set)
+    compares_methods = options.method == ALL_METHODS
+    if compares_methods and not options.no_ros:
+        raise SettingsError(f"--method {ALL_METHODS} simulates each method in this process; expected --no-ros")
     for name, flag, value in (
         ("method", "--method", options.method),
         ("rate_hz", "--rate", options.rate),
@@ -122,7 +126,8 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
             double = [each for each in options.set if each.partition("=")[0] == name]
             if double:
                 raise SettingsError(f"{flag} and --set {double[0]} set the same; expected one of them")
-            assignments.append(f"{name}={value}")
+            if (name, value) != ("method", ALL_METHODS):
+                assignments.append(f"{name}={value}")
     if options.urdf is not None:
         others = [flag for flag, value in (("--robot", options.robot),) if value is not None]
         others += [f"--set {each}" for each in options.set if each.partition("=")[0] in ("robot", "robot_description")]
@@ -142,6 +147,7 @@ def checked_options(options: argparse.Namespace) -> DemoOptions:
         target_rate_hz=options.target_rate,
         out=options.out,
         show=not options.headless,
+        compares_methods=compares_methods,
     )
 
 

@@ -219,15 +219,26 @@ def _what_if(opened: SourceFactory, options: argparse.Namespace, external: bool)
         print(text.closed_loop_table(found, _against(truth)))
         if commands:
             print("\n" + text.open_loop_table(commands))
+    if options.out is not None or options.report is not None:
+        _record(opened, wanted, options, external)
+    return 0
+
+
+def _record(opened: SourceFactory, wanted: Sequence[Variant], options: argparse.Namespace, external: bool) -> None:
+    """Record every run on its own, and report on them side by side, as wanted."""
+    from ik_node.replay.side_by_side import record_variants, report_side_by_side
+    from ik_node.report.reported_run import truth_beside
+
     with TemporaryDirectory() as scratch:
-        if options.out is not None or options.report is not None:
-            bags = _record(opened, wanted, options.out or Path(scratch))
+        bags = record_variants(opened, wanted, options.out or Path(scratch), time.perf_counter_ns)
         if options.out is not None:
             for bag in bags:
                 print(f"recording {bag}", file=sys.stderr)
         if options.report is not None:
-            _report(bags, None if external else options.bag, options.report, shows_table=not options.json)
-    return 0
+            table = report_side_by_side(bags, None if external else truth_beside(options.bag), options.report)
+            if not options.json:
+                print("\n" + table)
+            print(options.report, file=sys.stderr)
 
 
 def _own_bag(options: argparse.Namespace) -> SourceFactory:
@@ -247,34 +258,6 @@ def _own_bag(options: argparse.Namespace) -> SourceFactory:
 
 def _against(truth: GroundTruth | None) -> str:
     return "nothing: there were no targets" if truth is None else f"the {truth.source}"
-
-
-def _record(opened: SourceFactory, wanted: Sequence[Variant], out: Path) -> list[Path]:
-    """Record every run on its own, for ``ik_report`` and ``ik_view``; return the folders."""
-    from ik_node.replay.rerecord import record_simulation
-
-    bags = []
-    for variant in wanted:
-        name = "".join(character if character.isalnum() or character in "._-" else "_" for character in variant.name)
-        record_simulation(opened(), variant.changes, out / name)
-        bags.append(out / name)
-    return bags
-
-
-def _report(bags: Sequence[Path], recorded: Path | None, to: Path, shows_table: bool) -> None:
-    """Report on recorded runs, against the trajectory beside the recording that they were simulated from."""
-    from ik_node.report.atomic_write import write_report
-    from ik_node.report.quantities import UNWEIGHTED
-    from ik_node.report.reported_run import read_reported_runs, truth_beside
-    from ik_node.report.table import METHOD_LABELS, as_table
-
-    reported_runs = read_reported_runs(bags, None if recorded is None else truth_beside(recorded))
-    write_report(reported_runs, to)
-    if shows_table:
-        print("\n" + as_table(reported_runs, labels=METHOD_LABELS))
-        if any(reported.metrics.method == UNWEIGHTED for reported in reported_runs):
-            print(f"λ task of {UNWEIGHTED} has no unit (W = I); with the mass matrix it is momentum")
-    print(to, file=sys.stderr)
 
 
 def _external_bag(options: argparse.Namespace) -> SourceFactory:

@@ -6,7 +6,7 @@ recorded calls:
 
 - ``bitwise`` makes them on a new controller and compares every Step with the recorded one;
 - ``closed_loop`` replaces the joint states by those of a simulated arm, so that other settings can be tried
-  (``what_if`` compares such runs by their metrics, ``rerecord`` records one);
+  (``what_if`` compares such runs by their metrics, ``rerecord`` records one, ``side_by_side`` reports on several);
 - ``ros.bag_player`` publishes their messages to a running node.
 
 ``text`` prints the results.

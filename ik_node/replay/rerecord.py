@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ik_node.messages.step_outputs import StepOutputs
@@ -19,7 +19,11 @@ OPTIONS = RecorderOptions(queue_mb=4096.0)
 
 
 def record_simulation(
-    source: CallSource, changes: Mapping[str, Value], directory: Path, model: ArmModel | None = None
+    source: CallSource,
+    changes: Mapping[str, Value],
+    directory: Path,
+    model: ArmModel | None = None,
+    timer_ns: Callable[[], int] | None = None,
 ) -> SimulatedRun:
     """Simulates a run as :func:`ik_node.replay.closed_loop.simulate` does and records it.
 
@@ -28,6 +32,7 @@ def record_simulation(
         changes: Parameter -> value.
         directory: New folder.
         model: Lag and delay of the simulated arm; default: ideal.
+        timer_ns: Clock that measures the computing time of a Step, ns; default: it is not measured.
 
     Returns:
         The Steps of the run.
@@ -39,7 +44,7 @@ def record_simulation(
     controller = source.controller(source.initial_settings.with_values(changes))
     robot = controller.robot
     outputs = StepOutputs(robot.joints, robot.base_frame, robot.tip_frame)
-    recorded = RecordedController(controller, outputs.messages)
+    recorded = RecordedController(controller, outputs.messages, timer_ns=timer_ns)
     recording = recorded.start(directory, NODE, next(calls(source)).call.now, options=OPTIONS)
     try:
         return close_loop(recorded, source, changes, model)

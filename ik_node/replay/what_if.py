@@ -30,7 +30,7 @@ from ik_node.report.reported_run import stored_truth
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
-from ik_node.settings.method_names import METHOD_NAMES, is_import_path
+from ik_node.settings.method_names import ALL_METHODS, METHOD_NAMES, is_import_path
 from ik_node.settings.schema import Value
 
 SETTLE_S = 1.0
@@ -104,11 +104,11 @@ def make_variants(recorded: Settings, methods: Sequence[str], changes: Mapping[s
     Raises:
         InputError: A method is unknown; the message lists the valid ones.
     """
-    names = METHOD_NAMES if "all" in methods else tuple(dict.fromkeys(methods))
+    names = METHOD_NAMES if ALL_METHODS in methods else tuple(dict.fromkeys(methods))
     own = recorded.control.extra_methods
     for name in names:
         if name not in (*METHOD_NAMES, *own) and not is_import_path(name):
-            valid = ", ".join(("all", *METHOD_NAMES, *own, "package.module:name"))
+            valid = ", ".join((ALL_METHODS, *METHOD_NAMES, *own, "package.module:name"))
             raise InputError(f"unknown method '{name}'; valid: {valid}")
     rest = ", ".join(f"{name}={_shown(value)}" for name, value in changes.items())
     variants = [Variant(f"{name}, {rest}" if rest else name, {"method": name, **changes}) for name in names]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from ik_node.math.types import Array
 from ik_node.report.canvas import new_figure
 from ik_node.report.lateness import hold_ups, target_age_s
 from ik_node.report.reported_run import ReportedRun, span_of, time_label
-from ik_node.report.style import decimate, page_heading, placeholder, run_legend
+from ik_node.report.style import decimate, page_heading, run_legend
 from ik_node.report.timeline import draw_mode_bars, draw_numbers, number_of_reason_lines, write_reasons
 
 BINS = 80
@@ -19,8 +19,9 @@ HEADROOM = 1.08
 """End of an axis from 0, relative to the largest value: a constant line is not on the border."""
 MIN_BIN_WIDTH_MS = 0.02
 REASON_LINES = 36
-PLOTS_IN = (2.1, 1.7, 1.5)
-"""Heights of the rows of plots."""
+PLOTS_IN = 1.7
+"""Height of a row of plots."""
+COLUMNS = 2
 LINE_IN = 0.14
 HEADING_IN = 0.75
 GAP_IN = 0.7
@@ -30,11 +31,13 @@ LINE_CHARACTERS = 190
 
 
 def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
-    """Draws the page: control periods, ages of the target, hold-ups, mode bars, and the list of reasons."""
+    """Draws the page: the plots that have data, mode bars, and the list of reasons."""
     width = LINE_CHARACTERS // len(reported_runs) - 2
     lines = min(REASON_LINES, 2 + max(number_of_reason_lines(reported, width) for reported in reported_runs))
     bars = 0.32 + 0.2 * len(reported_runs)
-    heights = (*PLOTS_IN, bars, LINE_IN * lines)
+    plots = _plots_with_data(reported_runs)
+    pairs = [plots[index : index + COLUMNS] for index in range(0, len(plots), COLUMNS)]
+    heights = (*[PLOTS_IN] * len(pairs), bars, LINE_IN * lines)
     height = sum(heights) + HEADING_IN + GAP_IN * (len(heights) - 1)
     figure = new_figure(height)
     page_heading(figure, "Timing and states")
@@ -50,22 +53,17 @@ def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
         bottom=0.0,
         hspace=GAP_IN * len(heights) / sum(heights),
     )
-    top = rows[0].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
-    _histogram(figure.add_subplot(top[0]), reported_runs)
-    _periods(figure.add_subplot(top[1]), reported_runs)
-    middle = rows[1].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
-    _hold_ups(figure.add_subplot(middle[0]), reported_runs)
-    _target_age(figure.add_subplot(middle[1]), reported_runs)
-    third = rows[2].subgridspec(1, 2, wspace=0.12, width_ratios=(1.0, 1.2))
-    _computing_histogram(figure.add_subplot(third[0]), reported_runs)
-    _computing(figure.add_subplot(third[1]), reported_runs)
-    axes = figure.add_subplot(rows[3])
+    for row, pair in enumerate(pairs):
+        cells = rows[row].subgridspec(1, len(pair), wspace=0.12)
+        for column, draw in enumerate(pair):
+            draw(figure.add_subplot(cells[column]), reported_runs)
+    axes = figure.add_subplot(rows[-2])
     draw_mode_bars(axes, reported_runs, numbered=True)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))
     axes.set_title("Controller; the numbers refer to the reasons below")
     draw_numbers(axes, reported_runs)
-    columns = rows[4].subgridspec(1, len(reported_runs), wspace=0.04)
+    columns = rows[-1].subgridspec(1, len(reported_runs), wspace=0.04)
     for index, reported in enumerate(reported_runs):
         reasons = figure.add_subplot(columns[index])
         if len(reported_runs) > 1:
@@ -74,10 +72,21 @@ def draw_states(reported_runs: Sequence[ReportedRun]) -> Any:
     return figure
 
 
-def _empty(axes: Any, text: str) -> None:
-    """A text instead of a plot, without ticks: these axes share none."""
-    placeholder(axes, text)
-    axes.set_xticks([])
+def _plots_with_data(reported_runs: Sequence[ReportedRun]) -> list[Callable[[Any, Sequence[ReportedRun]], None]]:
+    """The plots of the page, without those that would be empty."""
+    has_periods = any(len(reported.run.times_s) > 1 for reported in reported_runs)
+    has_hold_ups = any(len(hold_ups(reported.run).end_s) for reported in reported_runs)
+    has_targets = any(np.isfinite(target_age_s(reported.run)).any() for reported in reported_runs)
+    has_computing = any(np.isfinite(reported.run.computing_s).any() for reported in reported_runs)
+    plots = (
+        (_histogram, has_periods),
+        (_periods, has_periods),
+        (_computing_histogram, has_computing),
+        (_computing, has_computing),
+        (_target_age, has_targets),
+        (_hold_ups, has_hold_ups),
+    )
+    return [draw for draw, has_data in plots if has_data]
 
 
 def _non_empty(span: tuple[float, float]) -> tuple[float, float]:
@@ -89,9 +98,6 @@ def _histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Control period [ms]; dashed: median")
     periods = [1e3 * np.diff(reported.run.times_s) for reported in reported_runs]
     together = np.concatenate(periods)
-    if not len(together):
-        _empty(axes, "fewer than two control steps")
-        return
     low, high = float(together.min()), float(together.max())
     width = max((high - low) / BINS, MIN_BIN_WIDTH_MS)
     edges = np.arange(low - 0.5 * width, high + 1.5 * width, width)
@@ -110,9 +116,6 @@ def _computing_histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> Non
     axes.set_title("Computing time [ms]; dashed: median")
     known = [(reported, _computing_ms(reported)) for reported in reported_runs]
     known = [(reported, values[np.isfinite(values)]) for reported, values in known if np.isfinite(values).any()]
-    if not known:
-        _empty(axes, "not recorded")
-        return
     edges = np.linspace(0.0, max(float(values.max()) for _, values in known), BINS + 1)
     for reported, values in known:
         axes.hist(values, bins=edges, color=reported.colour, linewidth=1.2, histtype="step")
@@ -123,11 +126,7 @@ def _computing_histogram(axes: Any, reported_runs: Sequence[ReportedRun]) -> Non
 
 def _computing(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Computing time [ms] over time")
-    known = [reported for reported in reported_runs if np.isfinite(reported.run.computing_s).any()]
-    if not known:
-        _empty(axes, "not recorded")
-        return
-    for reported in known:
+    for reported in reported_runs:
         axes.plot(*decimate(reported.times_s, _computing_ms(reported)), color=reported.colour, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
@@ -152,12 +151,8 @@ def _periods(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
 
 def _target_age(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     axes.set_title("Age of the newest target at each control step [ms]")
-    ages = [1e3 * target_age_s(reported.run) for reported in reported_runs]
-    if not any(np.isfinite(age).any() for age in ages):
-        _empty(axes, "no stream of target poses")
-        return
-    for reported, age in zip(reported_runs, ages, strict=True):
-        axes.plot(*decimate(reported.times_s, age), color=reported.colour, linewidth=0.8)
+    for reported in reported_runs:
+        axes.plot(*decimate(reported.times_s, 1e3 * target_age_s(reported.run)), color=reported.colour, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))
     axes.set_xlabel(time_label(reported_runs))
@@ -166,11 +161,8 @@ def _target_age(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
 def _hold_ups(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     """One line per hold-up, at its end."""
     axes.set_title("Hold-ups: times in which the node made no call [ms]")
-    found = [hold_ups(reported.run) for reported in reported_runs]
-    if not any(len(entry.end_s) for entry in found):
-        _empty(axes, "none")
-        return
-    for reported, entry in zip(reported_runs, found, strict=True):
+    for reported in reported_runs:
+        entry = hold_ups(reported.run)
         axes.vlines(entry.end_s - reported.zero_s, 0.0, 1e3 * entry.duration_s, color=reported.colour, linewidth=1.0)
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(*_non_empty(span_of(reported_runs)))

@@ -13,6 +13,8 @@ from ik_node.settings.schema import shown
 METHOD_NAMES = ("plain", "inertia_weighted", "obstacle_gradient", "gravity_gradient", "joint_weighted")
 """Built-in values of ``method``. A new method is a name here and a function of that name in
 :mod:`ik_node.differential_ik.methods`."""
+ALL_METHODS = "all"
+"""Value of ``--method`` of the command lines that stands for each of them."""
 ENTRY_POINTS = "ik_node.methods"
 """Group of the entry points that are methods."""
 OWN_NAMES = f"package.module:name, an entry point of the group {ENTRY_POINTS}, a name in extra_methods"

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -21,8 +22,10 @@ from ik_node.cli import report as command
 from ik_node.errors import InputError, RecordingError
 from ik_node.interfaces.step import Mode
 from ik_node.report.atomic_write import WRITERS, check_suffix, write_report
+from ik_node.report.canvas import report_style
 from ik_node.report.html import as_html
 from ik_node.report.reported_run import ReportedRun, names_of, read_reported_runs
+from ik_node.report.states_page import draw_states
 from ik_node.report.table import as_table, metric_rows
 from ik_node.report.timeline import condition_spans, state_intervals
 from ik_node.report.verdict import verdict
@@ -102,6 +105,25 @@ def test_slowed_and_given_up_times_are_marked(several: tuple[ReportedRun, ...]) 
     text = as_html(several)
     assert "direction given up" in text
     assert 'class="conditions"' in text
+
+
+def timing_plots(reported_runs: Sequence[ReportedRun]) -> dict[str, Any]:
+    """Title -> axes of the plots of times on the last page."""
+    with report_style():
+        found = {axes.get_title(loc="left"): axes for axes in draw_states(reported_runs).axes}
+    return {title: axes for title, axes in found.items() if "[ms" in title}
+
+
+def test_plots_without_data_are_left_out(stopped: ReportedRun, several: tuple[ReportedRun, ...]) -> None:
+    """One run without computing times, targets beyond the first second, or hold-ups, and one with computing times."""
+    assert np.isnan(stopped.run.computing_s).all()
+    for computed in (False, True):
+        times = np.full_like(stopped.run.computing_s, 1e-3 if computed else np.nan)
+        reported = stopped._replace(run=stopped.run._replace(computing_s=times))
+        plots = timing_plots([reported])
+        assert plots and all(axes.has_data() for axes in plots.values())
+        assert ("Computing time [ms] over time" in plots) == computed
+    assert all(axes.has_data() for axes in timing_plots(several).values())
 
 
 def test_table_compares_several_recordings(several: tuple[ReportedRun, ...]) -> None:

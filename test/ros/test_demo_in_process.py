@@ -15,6 +15,8 @@ from ik_node.cli import demo
 from ik_node.recording.run_reader import load_run
 from ik_node.replay.bitwise import replay
 from ik_node.replay.call_source import RecordingSource
+from ik_node.report import compute_metrics
+from ik_node.settings.method_names import METHOD_NAMES
 
 WITHOUT_ROS = """
 import sys
@@ -49,6 +51,8 @@ def test_the_demonstration_needs_no_ros(tmp_path: Path) -> None:
     recorded = load_run(tmp_path / "run" / "bag")
     assert recorded.complete
     assert np.abs(recorded.joint_velocity).max() > 0.1
+    assert np.all(recorded.computing_s > 0.0), "measured as by the node"
+    assert report["computing"]["median_ms"] > 0.0
     assert replay(RecordingSource(tmp_path / "run" / "bag")).passed
 
 
@@ -68,6 +72,25 @@ def test_the_same_options_give_the_same_bits_and_an_own_arm_moves(tmp_path: Path
     first, second = (load_run(tmp_path / name / "bag") for name in ("first", "second"))
     assert first.joint_velocity.tobytes() == second.joint_velocity.tobytes()
     assert np.abs(first.joint_velocity).max() > 0.05
+
+
+def test_all_methods_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One recording per method of the same targets, a table and a picture."""
+    own = ("--headless", "--trajectory", "hold", "--rate", "100", "--out", str(tmp_path / "run"), "--method", "all")
+    assert demo.main(["--no-ros", *own]) == 0
+    printed = capsys.readouterr().out
+    assert all(label in printed for label in ("kinetic energy", "null-space speed", "gravitational energy", "λ task"))
+    made = {path.name for path in (tmp_path / "run").iterdir()}
+    assert made == {*METHOD_NAMES, "methods.png", "trajectory.csv"}
+    recorded = [load_run(tmp_path / "run" / name) for name in METHOD_NAMES]
+    assert [compute_metrics(run).method for run in recorded] == list(METHOD_NAMES)
+    assert all(run.targets.position.tobytes() == recorded[0].targets.position.tobytes() for run in recorded)
+
+
+def test_all_methods_need_no_ros_to_be_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo.main(["--headless", "--out", str(tmp_path / "run"), "--method", "all"]) == 2
+    assert "--method all simulates each method in this process; expected --no-ros" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_noise_has_no_effect_and_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,18 +7,23 @@ demonstration over DDS.
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 
 from ik_node.errors import SettingsError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.replay.rerecord import record_simulation
+from ik_node.replay.side_by_side import record_variants, report_side_by_side
 from ik_node.replay.streamed_targets import LEAD_S, SimulatedStart, StreamedTargets
-from ik_node.report import ground_truth_from_trajectory
+from ik_node.replay.what_if import Variant
+from ik_node.report import GROUND_TRUTH_FILE, GroundTruth, ground_truth_from_trajectory, write_ground_truth
+from ik_node.robot.simulated_arm import ArmModel
 from ik_node.robot.simulator_parameters import arm_model
 from ik_node.ros.demo.new_folder import new_folder
 from ik_node.ros.demo.options import CheckedRun, DemoOptions
-from ik_node.ros.demo.plan import HOLD_S, PlannedMotion, compile_functions, write_report
+from ik_node.ros.demo.plan import HOLD_S, PlannedMotion, compile_functions, show_picture, write_report
+from ik_node.settings.method_names import METHOD_NAMES
 
 START_NS = NS
 """Monotonic time of the start: the same in each simulation, so that the same options give the same bits."""
@@ -48,10 +53,29 @@ def run_in_process(options: DemoOptions) -> int:
         start = SimulatedStart(position, Instant(START_NS, time.time_ns()))
         targets = list(motion.targets())
         source = StreamedTargets(run.robot, run.settings, start, targets, run.simulator["rate_hz"], HOLD_S)
+        begin_ros_ns = start.now.ros_ns + round((LEAD_S + motion.approach.duration_s) * NS)
+        truth = ground_truth_from_trajectory(motion.trajectory, begin_ros_ns)
+        if options.compares_methods:
+            _compare_methods(source, model, out, truth, options)
+            return 0
         begin_s = time.monotonic()
-        steps = len(record_simulation(source, {}, out / "bag", model).steps)
+        steps = len(record_simulation(source, {}, out / "bag", model, time.perf_counter_ns).steps)
         took_s = time.monotonic() - begin_s
         print(f"{steps} control steps, {motion.whole.duration_s:.1f} s of motion, in {took_s:.1f} s", flush=True)
-        begin_ros_ns = start.now.ros_ns + round((LEAD_S + motion.approach.duration_s) * NS)
-        write_report(out, ground_truth_from_trajectory(motion.trajectory, begin_ros_ns), options)
+        write_report(out, truth, options)
     return 0
+
+
+def _compare_methods(
+    source: StreamedTargets, model: ArmModel, out: Path, truth: GroundTruth, options: DemoOptions
+) -> None:
+    """Record a run of each method, and print and draw them side by side."""
+    write_ground_truth(out / GROUND_TRUTH_FILE, truth)
+    variants = [Variant(name, {"method": name}) for name in METHOD_NAMES]
+    bags = record_variants(lambda: source, variants, out, time.perf_counter_ns, model)
+    picture = out / "methods.png"
+    print(report_side_by_side(bags, None, picture))
+    for bag in bags:
+        print(f"recording {bag}")
+    print(f"picture   {picture}", flush=True)
+    show_picture(picture, options)

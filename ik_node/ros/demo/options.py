@@ -46,6 +46,8 @@ class DemoOptions:
     """New folder; None: a name with the robot and the time."""
     show: bool
     """Open the picture of the report where there is a screen."""
+    compares_methods: bool = False
+    """Run every built-in method on the same targets, instead of the configured one."""
 
 
 class Configuration(NamedTuple):

@@ -79,6 +79,11 @@ def write_report(out: Path, truth: GroundTruth, options: DemoOptions) -> None:
     (out / "report.json").write_text(as_json(report))
     print(as_text(report))
     print(f"recording {out / 'bag'}\npicture   {picture}\nlook at it: ik_view {out / 'bag'}", flush=True)
+    show_picture(picture, options)
+
+
+def show_picture(picture: Path, options: DemoOptions) -> None:
+    """Open a picture, if that is wanted and there is a screen."""
     if options.show and sys.stdout.isatty() and which("xdg-open"):
         subprocess.Popen(["xdg-open", str(picture)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 

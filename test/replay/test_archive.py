@@ -6,13 +6,18 @@ import csv
 import io
 import json
 import multiprocessing
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 from browser import Browser
 from support import PROJECT
+from waiting import ENOUGH_S, wait_until
 
 from ik_node.cli import replay as command
 from ik_node.errors import MissingPackageError, RecordingError
@@ -70,6 +75,19 @@ def test_recordings_are_found_at_any_depth_and_once(fleet: Path) -> None:
         find_bags([str(PROJECT / "docs")])
     with pytest.raises(RecordingError, match="does not exist"):
         find_bags([str(fleet), str(fleet / "nothing")])
+
+
+def test_linked_folders_are_followed_and_loops_end(fleet: Path, tmp_path: Path) -> None:
+    """Days of an archive may be on several disks."""
+    (tmp_path / "disk").mkdir()
+    shutil.copytree(fleet / "broken", tmp_path / "disk" / "here")
+    (tmp_path / "disk" / "monday").symlink_to(fleet / "monday")
+    (tmp_path / "disk" / "tuesday run").symlink_to(fleet / "tuesday" / "plain")
+    (tmp_path / "disk" / "twice").symlink_to(fleet / "tuesday")
+    (tmp_path / "disk" / "loop").symlink_to(tmp_path)
+    (tmp_path / "disk" / "nowhere").symlink_to(tmp_path / "nothing")
+    names = [str(Path(bag.name).relative_to(tmp_path)) for bag in find_bags([str(tmp_path)])]
+    assert names == ["disk/here", "disk/monday/arm 1/limit", "disk/tuesday run"]
 
 
 def test_every_recording_is_a_row_and_a_broken_one_does_not_end_the_others(
@@ -170,6 +188,30 @@ def test_a_killed_process_does_not_lose_its_recordings(fleet: Path) -> None:
                 process.kill()
         found[Path(bag.name).name] = result.row.replay
     assert found == {"broken": BROKEN, "limit": SAME, "plain": SAME}
+
+
+@pytest.mark.parametrize("to_all", [True, False], ids=["of a terminal", "to the command alone"])
+def test_ctrl_c_ends_it_soon_and_without_a_traceback(to_all: bool, tmp_path: Path) -> None:
+    """Only what is being replayed is waited for, not the rest of the archive."""
+    for number in range(60):
+        (tmp_path / "fleet" / f"run {number}").mkdir(parents=True)
+        shutil.copy(
+            PROJECT / "bags" / "limit" / "limit_0.mcap", tmp_path / "fleet" / f"run {number}" / f"{number}.mcap"
+        )
+    command = [sys.executable, "-m", "ik_node.cli.replay", str(tmp_path / "fleet"), "--jobs", "2", "--no-reports"]
+    rows = tmp_path / "ik_replay_table" / "rows"
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        wait_until(lambda: any(rows.glob("*.json")) or process.poll() is not None)
+        (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+        _, printed = process.communicate(timeout=ENOUGH_S)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    assert process.returncode == 130, printed
+    assert "Traceback" not in printed
+    assert 1 <= len(list(rows.glob("*.json"))) < 30
 
 
 def test_command_line(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,6 +44,17 @@ def test_every_case_of_the_script_is_there() -> None:
     assert not missing, f"python bags/remake.py {' '.join(sorted(missing))}"
 
 
+def test_the_script_records_no_path_of_its_machine() -> None:
+    """Parameters are recorded as they are given."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        from remake import CASES, arguments_of
+    finally:
+        sys.path.remove(str(FOLDER))
+    for name, case in CASES.items():
+        assert not [argument for argument in arguments_of(case) if "/" in argument], name
+
+
 def test_the_recordings_stay_small() -> None:
     size = sum(path.stat().st_size for path in FOLDER.rglob("*") if path.is_file())
     assert size < LARGEST_MB * 1e6

@@ -93,7 +93,13 @@ def _local_bags(path: Path) -> Iterator[FoundBag]:
     if path.is_file() and path.suffix in SUFFIXES:
         yield FoundBag(str(path), _fingerprint([path]))
         return
-    for folder, folders, _ in os.walk(path):
+    seen: set[str] = set()
+    for folder, folders, _ in os.walk(path, followlinks=True):
+        real = os.path.realpath(folder)
+        if real in seen:  # linked twice, or a loop
+            folders.clear()
+            continue
+        seen.add(real)
         folders.sort()
         if _is_bag_folder(Path(folder)):
             folders.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -39,10 +40,17 @@ def replay_locally(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Ite
 
 def _in_one_pool(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Iterator[tuple[FoundBag, BagResult]]:
     # Not forked: BLAS and viewers of the parent may have threads.
-    with ProcessPoolExecutor(max(1, min(jobs, len(bags))), get_context("spawn")) as pool:
+    workers = max(1, min(jobs, len(bags)))
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_at_ctrl_c)
+    try:
         futures = {pool.submit(replay_bag, bag, task): bag for bag in bags}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        # Not as a context: its end would revoke the cancellation, and the whole archive would be replayed.
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_at_ctrl_c() -> None:
+    """Ctrl-C in a terminal reaches the workers, too: they end without a traceback, and the parent ends the rest."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

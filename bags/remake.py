@@ -22,6 +22,8 @@ from ik_node.recording.mcap.writer import Recorder, RecorderOptions
 FOLDER = Path(__file__).resolve().parent
 COMMON = ("--headless", "--rate", "100")
 """A low rate keeps the files small."""
+SCENE, POSES, RUN = "scene.yaml", "poses.csv", "run"
+"""Files in the folder of ``ik_demo``; relative, because parameters are recorded as they are given."""
 LEFT_OUT = ("joint_velocity", "current_pose", "desired_pose", "twist_error", "task", "potential", "diagnostics")
 """Outputs whose content is also in the Steps."""
 
@@ -83,7 +85,7 @@ CASES = {
     "singularity": Case((), stretched),
     "limit": Case(("--set", "limits.position_upper=[2.8, 1.7, 2.8, -0.1, 2.8, 3.7, 1.2]"), turned),
     "gaps": Case((), with_gaps),
-    "obstacle": Case(("--method", "obstacle_gradient", "--set", f"obstacles.scene={FOLDER / 'scene.yaml'}")),
+    "obstacle": Case(("--method", "obstacle_gradient", "--set", f"obstacles.scene={SCENE}")),
 }
 
 
@@ -120,21 +122,24 @@ def compact(source: Path, target: Path) -> None:
         sys.exit(f"{target}: {recorder.error or 'messages were left out'}")
 
 
+def arguments_of(case: Case) -> list[str]:
+    """Arguments of ``ik_demo``."""
+    return ["--out", RUN, *COMMON, *case.arguments, "--trajectory", POSES, "--relative"]
+
+
 def remake(name: str) -> None:
     """Runs one case and stores its recording in this folder."""
     case = CASES[name]
     with tempfile.TemporaryDirectory() as scratch:
-        out, poses = Path(scratch, "run"), Path(scratch, "poses.csv")
-        write_rows(poses, case.rows())
-        arguments = ["--out", str(out), *COMMON, *case.arguments, "--trajectory", str(poses), "--relative"]
+        write_rows(Path(scratch, POSES), case.rows())
+        shutil.copy(FOLDER / SCENE, scratch)
+        command = [sys.executable, "-m", "ik_node.cli.demo", *arguments_of(case)]
         print(f"{name} ...", flush=True)
-        done = subprocess.run(
-            [sys.executable, "-m", "ik_node.cli.demo", *arguments], capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=scratch)
         if done.returncode:
             sys.exit(f"{name}: ik_demo ended with {done.returncode}\n{done.stdout}{done.stderr}")
         shutil.rmtree(FOLDER / name, ignore_errors=True)
-        compact(out / "bag", FOLDER / name)
+        compact(Path(scratch, RUN, "bag"), FOLDER / name)
 
 
 def main() -> None:

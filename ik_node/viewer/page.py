@@ -18,6 +18,7 @@ from ik_node.math.types import Array
 from ik_node.report.recorded_scene import SceneAt
 from ik_node.robot.robot import Robot
 from ik_node.viewer import status_html
+from ik_node.viewer.camera_views import FIELD_OF_VIEW, NARROW_PX, VIEWS, camera_placement
 from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.playback import SPEEDS, Playback
 from ik_node.viewer.plots import AXIS_PX, PlotPanel, plots_for
@@ -201,14 +202,21 @@ class ViewerPage:
         timeline = self._timeline()
         self._centre, self._size = _extent(self.content, timeline)
         camera = self.server.initial_camera
-        camera.position, camera.look_at = self._centre + self._size * VIEWS["home"], self._centre
+        camera.position, camera.look_at = camera_placement("home", self._centre, self._size)
         camera.fov = FIELD_OF_VIEW
+        self.server.on_client_connect(self._fit_to_window)
+
+    def _fit_to_window(self, client: Any) -> None:
+        """Shows the scene above the sheet of a narrow window."""
+        if client.camera.image_width <= NARROW_PX:
+            self._set_view(client, "home")
 
     def _set_view(self, client: Any, view: str) -> None:
         if client is not None:
             with client.atomic():
-                client.camera.position = self._centre + self._size * VIEWS[view]
-                client.camera.look_at = self._centre
+                client.camera.position, client.camera.look_at = camera_placement(
+                    view, self._centre, self._size, client.camera.image_width
+                )
 
     # --- drawing (thread that owns the robot model) ------------------------------------------------------------------
 
@@ -275,16 +283,8 @@ class ViewerPage:
             self._mode_bar.content = status_html.mode_bar_html(timeline, AXIS_PX + 12, 17)
 
 
-FIELD_OF_VIEW = 0.7
 JUMPS = {"start": 0, "\u25c0": -1, "\u25b6": 1, "event": 0}
 """Button -> number of steps to move."""
-VIEWS = {
-    "home": np.array([1.02, 1.02, 0.6]),
-    "front": np.array([1.8, 0.0, 0.1]),
-    "side": np.array([0.0, -1.8, 0.1]),
-    "top": np.array([0.0, -0.02, 1.9]),
-}
-"""View -> position of the camera relative to the centre of the scene, in units of its size."""
 
 
 def _slider_min(playback: Playback) -> float:

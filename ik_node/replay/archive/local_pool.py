@@ -53,4 +53,5 @@ def _in_one_pool(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Itera
 
 def _end_at_ctrl_c() -> None:
     """Ctrl-C in a terminal reaches the workers, too: they end without a traceback, and the parent ends the rest."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # ignored behind `nohup ... &`, as by the parent
+        signal.signal(signal.SIGINT, signal.SIG_DFL)

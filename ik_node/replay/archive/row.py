@@ -88,8 +88,14 @@ def replay_bag(bag: FoundBag, task: ReplayTask) -> BagResult:
                     row = row._replace(what_if=_what_if(path, task))
         except Exception as error:  # one broken recording is a row, whatever is broken in it
             text = str(error) if isinstance(error, IkNodeError) else f"{type(error).__name__}: {error}"
-            row = row._replace(error=" ".join(text.split()))
+            row = row._replace(error=_without_name(" ".join(text.split()), bag.name))
         return BagResult(row, html)
+
+
+def _without_name(text: str, name: str) -> str:
+    """An error without the name of the recording, which is in the row already."""
+    folder = name.rstrip("/")
+    return text.removeprefix(f"'{folder}'").lstrip(": ").replace(f"'{folder}/", "'")
 
 
 def _described(row: BagRow, reported: ReportedRun) -> BagRow:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def columns_of(rows: Sequence[BagRow]) -> tuple[str, ...]:
 
 
 def as_text(rows: Sequence[BagRow]) -> str:
-    """One line per recording, and below it its error or its what-if runs."""
+    """One line per recording, below it its what-if runs, and at the end the number of recordings by result."""
     cells = [tuple(name for name, _ in _COLUMNS), *map(_cells, rows)]
     widths = [max(len(line[index]) for line in cells) for index in range(len(_COLUMNS))]
 
@@ -57,6 +58,8 @@ def as_text(rows: Sequence[BagRow]) -> str:
             f"{_number(row.position_rms_mm, 3)}"
             for name, run in row.what_if.items()
         ]
+    results = ", ".join(f"{number} {result}" for result, number in Counter(row.replay for row in rows).most_common())
+    lines.append(f"{len(rows)} recording{'s' if len(rows) != 1 else ''}: {results}")
     return "\n".join(lines)
 
 

@@ -13,10 +13,11 @@ from typing import NamedTuple
 from ik_node.interfaces.clock import NS
 from ik_node.jit import compiled
 
-PREDICTABLE, UNPREDICTABLE = 0.05, 0.07
+PREDICTABLE, UNPREDICTABLE = 0.03, 0.07
 """RMS prediction error relative to the RMS step below which an unpredictable target becomes predictable, and above
 which a predictable one becomes unpredictable. Figures of eight at 20 Hz and faster have at most 0.053, with jitter of
-0.4 periods and lost samples; orientations that a hand or a camera moves have more than 0.13."""
+0.4 periods and lost samples; orientations that a hand or a camera moves have more than 0.13. Within one motion the
+value varies by a factor of 2, positions of a hand-held camera at 50 Hz from 0.047 to 0.077."""
 
 
 class SmoothingDelay(NamedTuple):

@@ -12,15 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise, product
 from math import exp, inf, log
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from benchmarks.stream_baselines import Follower, LastSlope, Proportional
 from benchmarks.stream_data import Stream, StreamNoise, held_out, transported
 from benchmarks.stream_filters import AlphaBeta, KalmanAcceleration, OneEuro
 from benchmarks.stream_metrics import TICK_S, StreamMetrics, follow, reference_track, stream_metrics
 from benchmarks.stream_ruckig import TimeOptimal
-from ik_node.report.canvas import convert_write_errors, new_figure, report_style
 from ik_node.settings.groups import TargetSettings
 from ik_node.targets.stream.stream import StreamedPoses
 
@@ -30,7 +28,6 @@ EQUAL = 1.1
 STILL = 1e-6
 """Acceleration of all followers below which a stream has no such motion."""
 HALVES = ("position", "orientation")
-UNITS = (("mm", "m/s$^2$"), ("mrad", "rad/s$^2$"))
 
 
 class Variant(NamedTuple):
@@ -93,9 +90,15 @@ class FrontierRow(NamedTuple):
     @property
     def ratio(self) -> tuple[float, str]:
         """Error of the node relative to the best family at equal acceleration, and that family; 0 without one."""
-        errors = {family: self._error_at(family, self.node.acceleration) for family in self.families}
-        best = min(errors, key=lambda family: errors[family])
-        return (self.node.after_lag / errors[best], best) if errors[best] < inf else (0.0, "none")
+        error, family, _ = self.best_rival
+        return (self.node.after_lag / error, family) if error < inf else (0.0, "none")
+
+    @property
+    def best_rival(self) -> tuple[float, str, float]:
+        """Smallest error of a rival at the acceleration of the node, its family and its lag in ms; infinite if none."""
+        found = [(*self._at(family, self.node.acceleration), family) for family in self.families]
+        error, lag_ms, family = min(found, default=(inf, inf, "none"))
+        return error, family, lag_ms
 
     @property
     def met(self) -> bool:
@@ -107,14 +110,16 @@ class FrontierRow(NamedTuple):
         """Names of the families of rivals."""
         return tuple(dict.fromkeys(rival.family for rival in self.rivals))
 
-    def _error_at(self, family: str, acceleration: float) -> float:
+    def _at(self, family: str, acceleration: float) -> tuple[float, float]:
+        """Smallest error of a family at an acceleration, and the lag there, in ms; infinite outside its range."""
         points = [rival for rival in self.rivals if rival.family == family]
-        best = inf
+        best = (inf, inf)
         for first, second in pairwise(points):
             low, high = sorted((first, second), key=lambda point: point.acceleration)
             if 0.0 < low.acceleration <= acceleration <= high.acceleration and low.acceleration < high.acceleration:
                 part = log(acceleration / low.acceleration) / log(high.acceleration / low.acceleration)
-                best = min(best, exp((1.0 - part) * log(low.after_lag) + part * log(high.after_lag)))
+                error = exp((1.0 - part) * log(low.after_lag) + part * log(high.after_lag))
+                best = min(best, (error, (1.0 - part) * low.lag_ms + part * high.lag_ms))
         return best
 
 
@@ -187,44 +192,3 @@ def summary(rows: Sequence[FrontierRow]) -> list[str]:
                 f"nor by more than a tenth at equal acceleration in {equal}"
             )
     return lines
-
-
-def draw(rows: Sequence[FrontierRow], path: Path) -> None:
-    """Write the picture of the rows of one stream: error and lag over acceleration, by position and orientation.
-
-    Raises:
-        RecordingError: The file cannot be written.
-        MissingPackageError: matplotlib is not installed.
-    """
-    with report_style(), convert_write_errors():
-        figure = new_figure(3.2 * 2)
-        axes = figure.subplots(2, len(rows), squeeze=False, sharex="col")
-        for column, row in enumerate(rows):
-            _draw_row(axes[0][column], axes[1][column], row)
-        figure.suptitle(f"{rows[0].stream}, {rows[0].noise}")
-        axes[0][0].legend(fontsize="x-small")
-        figure.savefig(path)
-
-
-def _draw_row(errors: Any, lags: Any, row: FrontierRow) -> None:
-    error_unit, acceleration_unit = UNITS[HALVES.index(row.half)]
-    for axes, value, label in (
-        (errors, "after_lag", f"error after lag, {error_unit}"),
-        (lags, "lag_ms", "lag, ms"),
-    ):
-        for family in row.families:
-            points = [rival for rival in row.rivals if rival.family == family]
-            axes.plot(
-                [p.acceleration for p in points],
-                [getattr(p, value) for p in points],
-                ".-",
-                label=family,
-                linewidth=0.8,
-            )
-        axes.plot([row.node.acceleration], [getattr(row.node, value)], "k*", markersize=11, label=NODE)
-        axes.set_xscale("log")
-        axes.tick_params(axis="x", which="minor", labelbottom=False)
-        axes.set_ylabel(label)
-    errors.set_yscale("log")
-    errors.set_title(row.half)
-    lags.set_xlabel(f"RMS acceleration over 20 ms, {acceleration_unit}")

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks import stream_frontier
+from benchmarks import stream_frontier, stream_pictures
 from benchmarks.stream_baselines import Follower, LastSlope, Proportional
 from benchmarks.stream_data import (
     CLEAN,
@@ -99,7 +99,9 @@ def main(arguments: Sequence[str]) -> int:
         action="store_true",
         help="all recordings: lag, error after lag and acceleration of this package and families of rivals",
     )
-    parser.add_argument("--pictures", type=Path, help="folder for a picture (SVG) per stream of the frontier")
+    parser.add_argument(
+        "--pictures", type=Path, help="folder for pictures (PNG) of the frontier, of each stream and of all"
+    )
     options = parser.parse_args(arguments)
     if options.frontier:
         return _frontier(options)
@@ -141,7 +143,9 @@ def _frontier(options: argparse.Namespace) -> int:
                 print(text, flush=True)
             if options.pictures:
                 name = f"{whole.name}, {noise.name}".replace(",", "").replace(" ", "_")
-                stream_frontier.draw(rows, options.pictures / f"{name}.svg")
+                stream_pictures.draw_stream(rows, options.pictures / f"{name}.png")
+    if options.pictures and every:
+        stream_pictures.draw_all(every, options.pictures / "all.png")
     if not options.json:
         print("\n".join(stream_frontier.summary(every)))
     return 0

@@ -28,6 +28,7 @@ from ik_node.robot.kinematics import JointLimits
 from ik_node.robot.robot import Robot
 from ik_node.robot.simulated_arm import ArmModel, SimulatedArm
 from ik_node.settings.schema import Value
+from ik_node.settings.task import TaskSettings
 
 
 class SimulatedRun(NamedTuple):
@@ -36,6 +37,8 @@ class SimulatedRun(NamedTuple):
     steps: list[Step]
     refused: int
     """Number of targets that the controller refused."""
+    tasks: list[TaskSettings]
+    """What was followed at each step."""
 
 
 def simulate(source: CallSource, changes: Mapping[str, Value]) -> SimulatedRun:
@@ -64,13 +67,14 @@ def close_loop(
     ``model`` has lag and delay of the arm; default: ideal.
     """
     arm = _Arm(recorded.controller, source, model)
-    steps = []
+    steps, tasks = [], []
     for entry in calls(source):
         step = _simulated_call(recorded, source, entry, arm, changes)
         if step is not None:
             arm.command(step)
             steps.append(step)
-    return SimulatedRun(steps, recorded.controller.targets_refused)
+            tasks.append(recorded.controller.settings.task)
+    return SimulatedRun(steps, recorded.controller.targets_refused, tasks)
 
 
 def _simulated_call(

@@ -15,7 +15,8 @@ import numpy as np
 from ik_node.errors import InputError
 from ik_node.interfaces.clock import NS
 from ik_node.interfaces.step import Level, Step
-from ik_node.math.se3 import quaternion_from_rotation
+from ik_node.math.se3 import pose_from, quaternion_from_rotation
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
 from ik_node.replay.call_source import CallSource, RecordingSource, calls
@@ -27,6 +28,7 @@ from ik_node.report.ground_truth import (
     rotation_angle,
 )
 from ik_node.report.reported_run import stored_truth
+from ik_node.report.run_tasks import excess
 from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
@@ -168,7 +170,7 @@ def metrics_of(source: CallSource, variant: Variant, run: SimulatedRun, truth: G
     energy = _energies(robot, steps)
     scale = _finite([step.scale for step in steps])
     clearance = _finite([step.clearance for step in steps])
-    position, orientation = _errors(steps, truth)
+    position, orientation = _errors(run, truth)
     speed = np.abs(velocity).max(axis=0)
     limits = motion_limits(robot, settings.limits, settings.control.rate_hz).velocity
     return VariantMetrics(
@@ -210,20 +212,33 @@ def _energies(robot: Robot, steps: Sequence[Step]) -> Array:
     return np.array([robot.kinetic_energy(q, qd) for q, qd in states if isfinite(q[0])])
 
 
-def _errors(steps: Sequence[Step], truth: GroundTruth | None) -> tuple[Array, Array]:
-    """Distances, m, and angles, rad, between measured and reference pose at the same time, after :data:`SETTLE_S`."""
+def _errors(run: SimulatedRun, truth: GroundTruth | None) -> tuple[Array, Array]:
+    """Distances, m, and angles, rad, between measured and reference pose at the same time, after :data:`SETTLE_S`.
+
+    With a tolerance what exceeds it, as in reports.
+    """
     if truth is None:
         return np.zeros(0), np.zeros(0)
-    kept = [step for step in steps if np.isfinite(step.pose_sb[0, 0])]
-    ros_ns = np.array([step.now.ros_ns - (step.now.monotonic_ns - step.state_time_ns) for step in kept], dtype=np.int64)
+    both = zip(run.steps, run.tasks, strict=True)
+    kept = [(step, task) for step, task in both if np.isfinite(step.pose_sb[0, 0])]
+    ros_ns = np.array(
+        [step.now.ros_ns - (step.now.monotonic_ns - step.state_time_ns) for step, _ in kept], dtype=np.int64
+    )
     inside = (ros_ns >= truth.ros_ns[0] + round(SETTLE_S * NS)) & (ros_ns <= truth.ros_ns[-1])
-    kept = [step for step, counts in zip(kept, inside.tolist(), strict=True) if counts]
+    kept = [entry for entry, counts in zip(kept, inside.tolist(), strict=True) if counts]
     if not kept:
         return np.zeros(0), np.zeros(0)
     reference = truth.at(ros_ns[inside])
-    position = np.array([step.pose_sb[:3, 3] for step in kept])
-    quaternion = np.array([quaternion_from_rotation(step.pose_sb[:3, :3]) for step in kept])
-    return np.linalg.norm(position - reference.position, axis=1), rotation_angle(quaternion, reference.quaternion)
+    measured = np.array([step.pose_sb for step, _ in kept])
+    quaternion = np.array([quaternion_from_rotation(pose[:3, :3]) for pose in measured])
+    position = np.linalg.norm(measured[:, :3, 3] - reference.position, axis=1)
+    orientation = rotation_angle(quaternion, reference.quaternion)
+    for row, (_, task) in enumerate(kept):
+        tolerance = TaskTolerance(task.tolerance, task.frame)
+        if not tolerance.is_exact:
+            target = pose_from(reference.position[row], reference.quaternion[row])
+            position[row], orientation[row] = excess(tolerance, measured[row], target)
+    return position, orientation
 
 
 def _finite(values: Sequence[float]) -> Array:

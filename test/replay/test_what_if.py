@@ -41,6 +41,7 @@ from ik_node.replay.what_if import (
 from ik_node.settings.groups import Settings
 from ik_node.settings.method_names import METHOD_NAMES
 from ik_node.settings.parameter_file import parse_assignment
+from ik_node.settings.task import TaskSettings
 from ik_node.trajectory.shapes import figure_of_eight
 
 RATE = {"rate_hz": 100.0, "obstacles.geometry": "none"}
@@ -104,7 +105,7 @@ def test_figures_are_those_of_the_steps(run: tuple[Path, Loop]) -> None:
     """Compared with figures computed from the Steps of the recorded run."""
     directory, loop = run
     source = RecordingSource(directory)
-    found = metrics_of(source, RECORDED, SimulatedRun(loop.steps, 3), None)
+    found = metrics_of(source, RECORDED, SimulatedRun(loop.steps, 3, [TaskSettings()] * len(loop.steps)), None)
     velocity = np.array([step.joint_velocity for step in loop.steps])
     assert found.peak_speed == np.abs(velocity).max()
     limits = loop.robot.limits.velocity
@@ -129,6 +130,19 @@ def test_other_settings_show(run: tuple[Path, Loop]) -> None:
     assert found[name].peak_speed < 0.5 * found["recorded"].peak_speed
     assert found[name].scaled_percent > 10.0 > found["recorded"].scaled_percent
     assert found[name].position_rms_mm > 3.0 * found["recorded"].position_rms_mm
+
+
+def test_errors_are_those_of_what_the_task_asks(run: tuple[Path, Loop]) -> None:
+    """Orientations do not count where they are free, and positions inside a band do not."""
+    position = Variant("position", {"task.tolerance": (0.0, 0.0, 0.0, math.inf, math.inf, math.inf)})
+    band = Variant("band", {"task.tolerance": (0.01, 0.01, 0.01, math.inf, math.inf, math.inf)})
+    found = table(run[0], RECORDED, position, band)
+    assert found["recorded"].orientation_max_mrad > 0.0
+    assert found["position"].orientation_max_mrad == found["band"].orientation_max_mrad == 0.0
+    assert 0.0 < found["position"].position_rms_mm < 2.0 * found["recorded"].position_rms_mm
+    assert found["band"].position_max_mm < 0.1
+    moved = simulate(RecordingSource(run[0]), band.changes).steps
+    assert max(float(np.linalg.norm(step.pose_sb[:3, 3] - step.pose_sd[:3, 3])) for step in moved) > 0.005
 
 
 def test_changes_outlast_recorded_changes(run: tuple[Path, Loop]) -> None:
@@ -172,7 +186,7 @@ def test_joint_states_in_pieces_keep_their_pieces(tmp_path: Path) -> None:
 
 def test_a_simulated_run_is_recorded_as_a_run(run: tuple[Path, Loop], tmp_path: Path) -> None:
     directory, _ = run
-    steps, _ = record_simulation(RecordingSource(directory), {"method": "gravity_gradient"}, tmp_path / "out")
+    steps, _, _ = record_simulation(RecordingSource(directory), {"method": "gravity_gradient"}, tmp_path / "out")
     again = replay(RecordingSource(tmp_path / "out"))
     assert again.first is None
     assert again.steps == len(steps)

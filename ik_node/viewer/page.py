@@ -23,6 +23,7 @@ from ik_node.viewer.meshes import MeshPart
 from ik_node.viewer.playback import SPEEDS, Playback
 from ik_node.viewer.plots import AXIS_PX, PlotPanel, plots_for
 from ik_node.viewer.scene_view import HIDDEN_AT_FIRST, LAYERS, SceneView
+from ik_node.viewer.task_plots import task_plots
 from ik_node.viewer.timeline import Timeline
 
 SLOW_PERIOD_S = 0.1
@@ -118,7 +119,7 @@ class ViewerPage:
             shown = plots_for(
                 self.content.robot.joints, self.content.velocity_limits, with_clearance, self.content.to_trajectory
             )
-            self._plots = PlotPanel(self.server, shown)
+            self._plots = PlotPanel(self.server, (shown[0], *task_plots(self.content.tolerance_at), *shown[1:]))
             self._window = gui.add_dropdown("show", tuple(PLOT_WINDOWS), hint="Time range of the plots")
             self._window.on_update(lambda _: self.request_redraw())
         panel.dock_left()
@@ -270,6 +271,7 @@ class ViewerPage:
                 content.velocity_limits,
                 content.mass_weighted,
                 content.gradient_gain(playback.time_s),
+                content.tolerance_at(playback.time_s),
             )
             self._plots.draw(timeline, begin_s, end_s, playback.time_s)
 

@@ -38,6 +38,8 @@ class PlotSpec(NamedTuple):
     span: tuple[float | None, float | None] | None = None
     """Range of the vertical axis; None: automatic."""
     height_px: int = HEIGHT_PX
+    hides_empty: bool = False
+    """Whether the plot is hidden while it has no value."""
 
 
 def plots_for(
@@ -154,7 +156,9 @@ class PlotPanel:
             self._lines = self._decimated(timeline, begin_s, end_s)
             self._drawn = (timeline, begin_s, end_s)
             self._update_scales()
-        for handle, (times, values) in zip(self._handles, self._lines, strict=True):
+        for plot, handle, (times, values) in zip(self._plots, self._handles, self._lines, strict=True):
+            if plot.hides_empty:
+                handle.visible = bool(np.isfinite(values).any())
             if len(times) > 1:
                 cursor = np.zeros(len(times))
                 cursor[int(np.abs(times - now_s).argmin())] = 1.0

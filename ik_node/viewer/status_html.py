@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 
 from ik_node.interfaces.twist_account import twist_account
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.report import quantities
 from ik_node.report.deviation import TRUNCATION
@@ -17,10 +18,12 @@ from ik_node.report.style import AMBER, MODE_COLOURS, RED, TEXT_COLOUR
 from ik_node.report.text import what_was_done
 from ik_node.report.timeline import DARK_TEXT, GIVEN_UP, SLOWED
 from ik_node.report.verdict import CAUSE_COLOURS, verdict
+from ik_node.viewer.task_plots import loose_texts
 from ik_node.viewer.timeline import Timeline, TimelineFrame
 
 BAR_CELLS = 600
 NOT_COMPUTED = "not computed"
+WHOLE_POSE = TaskTolerance()
 _ROW = '<tr><td style="color:#667;padding:1px 8px 1px 0">{}</td><td style="text-align:right">{}</td></tr>'
 
 
@@ -30,6 +33,7 @@ def frame_html(
     velocity_limits: Array,
     mass_weighted: bool,
     gradient_gain: float,
+    tolerance: TaskTolerance = WHOLE_POSE,
 ) -> str:
     """Values and mode of one frame as HTML.
 
@@ -39,6 +43,7 @@ def frame_html(
         velocity_limits: (n,), rad/s (m/s).
         mass_weighted: Whether the multiplier has units of momentum.
         gradient_gain: The gain k; the potential term of the multiplier is shown divided by it.
+        tolerance: The task; its components that are not exact are listed.
 
     Returns:
         HTML in which names and reasons are escaped.
@@ -49,6 +54,7 @@ def frame_html(
     rows = [
         _row(quantities.TOOL_POSITION_ERROR, _norm(frame.error_b[:3])),
         _row(quantities.TOOL_ORIENTATION_ERROR, _norm(frame.error_b[3:])),
+        *loose_texts(tolerance, frame.pose_sb, frame.pose_sd),
         ("fastest joint", _fastest_joint(frame.joint_velocity, joints, velocity_limits)),
         _row(quantities.SMALLEST_SINGULAR_VALUE, frame.sigma_min),
         _row(quantities.SCALE, frame.scale),

@@ -19,6 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from loop import READY
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from ros_peer import CALM, Peer, peer_in_own_domain
 
 from ik_node.errors import IkNodeError
@@ -117,6 +119,15 @@ def test_the_tolerance_of_the_task_is_that_of_the_node(peer: Peer, tmp_path: Pat
     peer.executor.add_node(watcher)
     task = watcher_settings(peer, watcher).task
     assert (task.tolerance, task.frame) == ((0.0, 0.0, 0.0, 0.0, 0.0, float("inf")), "base")
+    timeline = LiveTimeline(watcher, robot_from_settings(ArmSettings(robot="panda")), Settings(task=task), 100)
+    timeline.sample(1.0)
+    wanted = (0.0, 0.0, 0.0, 0.2, 0.2, float("inf"))
+    change = Parameter("task.tolerance", Parameter.Type.DOUBLE_ARRAY, wanted).to_parameter_msg()
+    answer = peer.call(SetParameters, "/ik_node/set_parameters", SetParameters.Request(parameters=[change]))
+    assert answer.results[0].successful
+    peer.until("the change", lambda: timeline.tolerance_at(9.0).half_widths == wanted, lambda: timeline.sample(2.0))
+    assert timeline.tolerance_at(2.0).frame == "base"
+    assert timeline.tolerance_at(1.0).half_widths == task.tolerance
 
 
 def watcher_settings(peer: Peer, watcher: LiveViewListener) -> Settings:

@@ -31,6 +31,7 @@ from ik_node.errors import RobotError
 from ik_node.interfaces.samples import ObstacleSample
 from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, TEXT_FIELDS, Level, Mode, Status
 from ik_node.math import se3
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.messages import cdr
 from ik_node.messages.decode_obstacles import decode_obstacles
@@ -51,6 +52,7 @@ from ik_node.viewer.page import ViewerPage
 from ik_node.viewer.playback import Playback
 from ik_node.viewer.plots import plots_for
 from ik_node.viewer.server import serve, url_of
+from ik_node.viewer.task_plots import task_plots
 from ik_node.viewer.timeline import TimelineBuffer, timeline_of
 
 DURATION_S = 4.0
@@ -471,6 +473,36 @@ def test_the_tolerance_of_the_run_is_drawn_from_its_time_on(run: Run, server: An
     page.scene_view.set_visible("tolerance", False)
     assert not show(3.0)
     assert not show(1.0)
+
+
+def test_what_is_not_exact_is_listed_and_drawn_from_its_time_on(run: Run, server: Any) -> None:
+    """The desired pose is 5 mm above the tool: in the axes of the base a band, and no error."""
+    changes = (
+        (1.5, {"task.tolerance": (0.0, 0.0, 0.01, 0.0, 0.0, float("inf")), "task.frame": "base"}),
+        (3.0, {"task.tolerance": (0.0,) * 6}),
+    )
+    page = open_run(server, run._replace(setting_changes=changes))
+    texts = []
+    for time_s in (1.0, 2.0, 3.5):
+        page.playback.seek(time_s)
+        page.request_redraw()
+        page.update(0.0)
+        texts.append(page.status)
+    assert "band of" not in texts[0]
+    assert "free" not in texts[0]
+    assert "z, band of \u00b110 mm" in texts[1]
+    assert ">5.0 mm<" in texts[1]
+    assert "rz, free" in texts[1]
+    assert "band of" not in texts[2]
+    positions, rotations = task_plots(page.content.tolerance_at)
+    timeline = timeline_of(run)
+    within = (timeline.times_s > 1.5) & (timeline.times_s <= 3.0)
+    for plot, index, value in ((positions, 2, 5.0), (rotations, 2, 0.0)):
+        columns = plot.columns(timeline)
+        assert columns[within, index] == pytest.approx(value, abs=1e-6)
+        assert np.isnan(columns[~within]).all()
+        assert np.isnan(np.delete(columns, index, axis=1)).all()
+    assert np.isnan(task_plots(lambda _: TaskTolerance())[0].columns(timeline)).all()
 
 
 def test_recorded_texts_are_escaped(run: Run) -> None:

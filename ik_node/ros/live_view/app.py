@@ -16,7 +16,6 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.report.quantities import UNWEIGHTED
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.joint_limits import motion_limits
@@ -108,7 +107,7 @@ def _wait_for_joint_state(timeline: LiveTimeline, begin_s: float) -> None:
 def _page(server: Any, node: LiveViewListener, timeline: LiveTimeline, settings: Settings) -> ViewerPage:
     robot = timeline.robot
     parts, notes = load_meshes(robot, settings.obstacles.package_path)
-    gain, tolerance = settings.control.gradient_gain, TaskTolerance(settings.task.tolerance, settings.task.frame)
+    gain = settings.control.gradient_gain
     content = PageContent(
         title=f"{settings.arm.robot or robot.name}, live from {node.watched}",
         robot=robot,
@@ -117,7 +116,7 @@ def _page(server: Any, node: LiveViewListener, timeline: LiveTimeline, settings:
         mass_weighted=settings.control.method != UNWEIGHTED,
         gradient_gain=lambda _: gain,
         scene_at=timeline.scenes,
-        tolerance_at=lambda _: tolerance,
+        tolerance_at=timeline.tolerance_at,
         targets=lambda: np.array(timeline.targets, dtype=np.float64).reshape(-1, 3),
         notes=notes,
         live=True,

@@ -9,6 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -18,6 +19,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from ik_node.errors import IkNodeError, SettingsError
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.messages import encode
 from ik_node.robot.srdf import with_srdf_text
 from ik_node.ros import qos
@@ -80,6 +82,9 @@ class LiveViewListener(Node):  # type: ignore[misc]
         self.status: DiagnosticStatus | None = None
         self.diagnostic_values: dict[str, str] = {}
         """Key -> value of the node's newest diagnostics."""
+        self.task = TaskTolerance()
+        """Which part of the pose the node follows; that of its parameters, and of their changes."""
+        self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, qos.OUTPUT)
         self.create_subscription(String, "robot_description", self._on_description, qos.LATCHED)
         self.create_subscription(DiagnosticStatus, f"{watched}/status", self._on_status, qos.LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.OUTPUT)
@@ -100,6 +105,14 @@ class LiveViewListener(Node):  # type: ignore[misc]
             self.queue.append((topic, data))
 
         self.create_subscription(kind, f"{self.watched}/{topic}", on_bytes, qos.STREAM, raw=True)
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        if event.node != self.watched:
+            return
+        changed = {one.name: parameter_value_to_python(one.value) for one in event.changed_parameters}
+        self.task = TaskTolerance(
+            changed.get("task.tolerance", self.task.half_widths), changed.get("task.frame", self.task.frame)
+        )
 
     def _on_description(self, message: String) -> None:
         self.robot_description = message.data
@@ -145,6 +158,7 @@ class LiveViewListener(Node):  # type: ignore[misc]
         settings = Settings().with_values(
             {name: _plain(value) for name, value in received.items() if value is not None}
         )
+        self.task = TaskTolerance(settings.task.tolerance, settings.task.frame)
         try:
             return with_srdf_text(settings)
         except SettingsError as error:  # the running node may be on another machine

@@ -11,6 +11,7 @@ import numpy as np
 from ik_node.errors import InputError
 from ik_node.interfaces.step import ARRAY_FIELDS, NUMBER_FIELDS, Level, Mode, Status
 from ik_node.math import se3
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.messages import cdr, encode
 from ik_node.messages.decode import decode_joint_state
@@ -47,6 +48,8 @@ class LiveTimeline:
         self.scenes = SceneHistory(robot, first_scene(robot, settings.obstacles.scene)[0])
         self._closest_points = ClosestPointQuery(robot, settings.obstacles)
         self.targets: deque[Array] = deque(maxlen=MAX_TARGETS)
+        self._tasks = [(-math.inf, TaskTolerance(settings.task.tolerance, settings.task.frame))]
+        """Tolerances of the node, each with the time from which on it applies, s."""
         self._q = np.full(robot.n, np.nan)
         self._q_time_s = -math.inf
 
@@ -55,9 +58,15 @@ class LiveTimeline:
         """Whether all joint positions are known."""
         return bool(np.isfinite(self._q).all())
 
+    def tolerance_at(self, time_s: float) -> TaskTolerance:
+        """The tolerance of the node's task at a time, s."""
+        return next(task for begin_s, task in reversed(self._tasks) if begin_s <= time_s)
+
     def sample(self, time_s: float) -> None:
         """Appends the frame of the current time ``time_s``."""
         node, n = self._node, self.robot.n
+        if node.task != self._tasks[-1][1]:
+            self._tasks.append((time_s, node.task))
         # Copied at once, so that all messages are of the same or of neighbouring control steps.
         latest = dict(node.latest)
         self._read_joint_state(node.latest.pop("joint_states", None), time_s)

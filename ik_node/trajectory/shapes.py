@@ -135,6 +135,26 @@ class Sequence:
         return self.parts[index].pose(time_s - starts[index])
 
 
+@dataclass(frozen=True)
+class ScaledTrajectory:
+    """A trajectory whose displacement and turn relative to its start are a multiple of another's."""
+
+    trajectory: Trajectory
+    scale: float
+
+    @property
+    def duration_s(self) -> float:
+        """Length in seconds."""
+        return self.trajectory.duration_s
+
+    def pose(self, time_s: float) -> Array:
+        """T_sd(t), (4, 4); constant outside 0..duration_s."""
+        start, pose = self.trajectory.pose(0.0), np.array(self.trajectory.pose(time_s))
+        pose[:3, 3] = start[:3, 3] + self.scale * (pose[:3, 3] - start[:3, 3])
+        pose[:3, :3] = start[:3, :3] @ se3.exp_rotation(self.scale * _turn(start, pose))
+        return pose
+
+
 def figure_of_eight(
     start_pose: Array,
     width: float = 0.30,

@@ -56,6 +56,17 @@ def test_the_demonstration_needs_no_ros(tmp_path: Path) -> None:
     assert replay(RecordingSource(tmp_path / "run" / "bag")).passed
 
 
+@pytest.mark.parametrize("robot", ["so100", "so101"])
+def test_a_small_arm_tracks_its_default_trajectory(robot: str, tmp_path: Path) -> None:
+    """Its size is one with which the arm can follow it; arms of usual reach keep the full size."""
+    assert demo.main(["--no-ros", "--headless", "--set", f"robot={robot}", "--out", str(tmp_path / "run")]) == 0
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    assert report["trajectory"] == "figure_of_eight"
+    assert report["tracking"]["settled"]["position_max_mm"] < 1.0
+    path = load_run(tmp_path / "run" / "bag").pose_sd[:, :3, 3]
+    assert 0.02 < np.ptp(path[:, 1]) < 0.25
+
+
 def test_without_ros_the_error_names_the_option(tmp_path: Path) -> None:
     done = run("--out", str(tmp_path / "run"))
     assert done.returncode == 2

@@ -13,7 +13,9 @@ import numpy as np
 
 from ik_node.control.warm_up import warm_up
 from ik_node.interfaces.motion import Trajectory
+from ik_node.inverse_kinematics.pose_solver import PoseSolver
 from ik_node.jit import compilation_reports, is_cold
+from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
 from ik_node.report import GROUND_TRUTH_FILE, GroundTruth, as_json, as_text, compute_metrics, write_ground_truth
@@ -26,6 +28,9 @@ from ik_node.trajectory import shapes
 from ik_node.trajectory.pose_file import PoseFileTrajectory
 
 STREAM_RATE_HZ = 50.0
+SIZES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
+"""Sizes of a built-in trajectory, relative to that for arms of 0.6 m reach and more."""
+CHECKED_POSES, MAX_ITERATIONS = 60, 60
 HOLD_S = 0.6
 """Time after the last target; the node detects the end of the stream in it."""
 
@@ -35,8 +40,9 @@ class PlannedMotion:
 
     def __init__(self, run: CheckedRun, options: DemoOptions, start_pose: Array) -> None:
         """Read the trajectory; ``start_pose`` is T_sb, (4, 4)."""
+        self.trajectory: Trajectory
         if run.poses is None:
-            self.trajectory: Trajectory = shapes.SHAPES[options.trajectory](start_pose)
+            self.trajectory = reachable(run, shapes.SHAPES[options.trajectory](start_pose))
         else:
             loaded = run.poses.trajectory(start_pose)
             print(loaded.describe(), flush=True)
@@ -59,6 +65,39 @@ class PlannedMotion:
             return
         for time_s in _sample_times(self.trajectory.duration_s, self._rate_hz or STREAM_RATE_HZ):
             yield begin_s + time_s, self.trajectory.pose(time_s)
+
+
+def reachable(run: CheckedRun, trajectory: Trajectory) -> Trajectory:
+    """The trajectory in the largest of :data:`SIZES` that the arm can follow from its start posture.
+
+    Inverse kinematics within the joint limits, each pose from the solution of the one before. A trajectory that the
+    arm can follow in none of the sizes stays as it is.
+    """
+    task = run.settings.task
+    solver = PoseSolver(
+        run.robot.copy(),
+        search_iterations=MAX_ITERATIONS,
+        max_iterations=MAX_ITERATIONS,
+        tolerance=TaskTolerance(task.tolerance, task.frame),
+        compared_searches=1,
+        locked=run.settings.control.locked_joints,
+    )
+    simulated = dict(zip(run.simulated_robot.joints, run.simulator["initial_position"], strict=True))
+    start = np.array([simulated[name] for name in run.robot.joints])
+    for size in SIZES:
+        scaled, q = trajectory if size == 1.0 else shapes.ScaledTrajectory(trajectory, size), start
+        for time_s in np.linspace(0.0, trajectory.duration_s, CHECKED_POSES).tolist():
+            solution = solver.solve(scaled.pose(time_s), q, restarts=0)
+            if not solution.converged:
+                break
+            q = solution.q
+        else:
+            if size < 1.0:
+                print(
+                    f"the trajectory has {100.0 * size:g} % of its size, with which the arm can follow it", flush=True
+                )
+            return scaled
+    return trajectory
 
 
 def compile_functions(robot: Robot) -> None:

@@ -46,6 +46,7 @@ from ik_node.robot import catalogue
 from ik_node.robot.catalogue import robots_folder
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ArmSettings, ObstacleSettings, Settings
+from ik_node.settings.schema import Value
 from ik_node.viewer import decimation, meshes, status_html
 from ik_node.viewer.open_run import open_run
 from ik_node.viewer.page import ViewerPage
@@ -477,7 +478,7 @@ def test_the_tolerance_of_the_run_is_drawn_from_its_time_on(run: Run, server: An
 
 def test_what_is_not_exact_is_listed_and_drawn_from_its_time_on(run: Run, server: Any) -> None:
     """The desired pose is 5 mm above the tool: in the axes of the base a band, and no error."""
-    changes = (
+    changes: tuple[tuple[float, dict[str, Value]], ...] = (
         (1.5, {"task.tolerance": (0.0, 0.0, 0.01, 0.0, 0.0, float("inf")), "task.frame": "base"}),
         (3.0, {"task.tolerance": (0.0,) * 6}),
     )

@@ -11,7 +11,8 @@ from ik_node.report.verdict import CAUSE_COLOURS, Cause
 
 STYLE = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #222; margin: 0; padding: 16px 24px 48px; }
-h1 { font-size: 1.4em; margin: 8px 0; } p { margin: 4px 0 12px; color: #556; } .wide { overflow: auto; max-height: 85vh; }
+h1 { font-size: 1.4em; margin: 8px 0; } p { margin: 4px 0 12px; color: #556; }
+.wide { overflow: auto; max-height: 85vh; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; min-width: 100%; }
 th, td { text-align: left; padding: 4px 14px 4px 0; border-bottom: 1px solid #e6e8ea; vertical-align: top; }
 th { cursor: pointer; white-space: nowrap; user-select: none; position: sticky; top: 0; background: #fff; }

@@ -49,7 +49,7 @@ def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
     if any(reported.metrics.series is not None for reported in reported_runs):
         axes = figure.add_subplot(left[0], projection="3d")
         draw_paths(axes, reported_runs)
-        draw_obstacles(axes, reported_runs[0].run)
+        draw_obstacles(axes, reported_runs[0].obstacles)
     table = figure.add_subplot(left[1])
     table.axis("off")
     end = _write_verdicts(table, reported_runs)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.collision.scene import Obstacle, read_scene
-from ik_node.errors import SceneError
+from ik_node.collision.scene import Obstacle
 from ik_node.math.types import Array
-from ik_node.recording.run import Run
 from ik_node.report.reported_run import ReportedRun
 from ik_node.report.style import BLUE, GREY, LIGHT_GREY, MAX_POINTS, TEXT_COLOUR, VERMILION
 from ik_node.report.tracking import TrackingSeries
@@ -43,7 +40,7 @@ def draw_path(figure: Any, axes: Any, reported: ReportedRun) -> None:
     axes.add_collection3d(coloured)
     axes.plot([], [], color=BLUE, linewidth=2.0, label="tool, coloured by error")
     axes.scatter(*measured[0], color=VERMILION, s=22, depthshade=False, label="start")
-    obstacles = _near(_static_obstacles(reported.run), np.concatenate((desired, *arm)))
+    obstacles = _near(reported.obstacles, np.concatenate((desired, *arm)))
     _draw_obstacles(axes, obstacles)
     _set_equal_axes(axes, np.concatenate((desired, measured, *arm, *map(_box, obstacles))), 0.03)
     bar = figure.colorbar(
@@ -140,23 +137,12 @@ def _set_equal_axes(axes: Any, points: Array, margin: float) -> None:
         pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
 
 
-def draw_obstacles(axes: Any, run: Run) -> None:
-    """Draws the static obstacles of the run's scene file, as far as they are near the drawn path."""
+def draw_obstacles(axes: Any, recorded: Sequence[Obstacle]) -> None:
+    """Draws obstacles, as far as they are near the drawn path."""
     limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()]).T
-    obstacles = _near(_static_obstacles(run), limits)
+    obstacles = _near(recorded, limits)
     _draw_obstacles(axes, obstacles)
     _set_equal_axes(axes, np.concatenate((limits, *map(_box, obstacles))), 0.0)
-
-
-def _static_obstacles(run: Run) -> tuple[Obstacle, ...]:
-    """The obstacles of the run's scene file if that file still exists and can be read."""
-    path = Path(str(run.settings.get("obstacles.scene", "")))
-    if not path.is_file():
-        return ()
-    try:
-        return tuple(read_scene(path).obstacles.values())
-    except SceneError:  # obstacles in frames of the arm, or a file that has changed: nothing is drawn
-        return ()
 
 
 def _near(obstacles: Sequence[Obstacle], points: Array) -> tuple[Obstacle, ...]:

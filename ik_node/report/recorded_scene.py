@@ -12,7 +12,7 @@ import numpy as np
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.distances import ClosestPair, DistanceQuery
 from ik_node.collision.monitor import UPRIGHT
-from ik_node.collision.scene import Scene, obstacle, shape
+from ik_node.collision.scene import Obstacle, Scene, obstacle, shape
 from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.errors import InputError, RecordingError, RobotError
 from ik_node.interfaces.clock import NS
@@ -88,6 +88,11 @@ class RecordedObstacles(NamedTuple):
     arrivals: tuple[ObstacleArrival, ...]
     missing: str = ""
     """Reason why they cannot be read; otherwise empty."""
+
+    @property
+    def at_start(self) -> tuple[Obstacle, ...]:
+        """The obstacles of the first scene."""
+        return () if self.first is None else tuple(self.first.obstacles.values())
 
 
 def read_obstacles(path: str | Path, node: str = "") -> RecordedObstacles:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ik_node.collision.scene import Obstacle
 from ik_node.errors import IkNodeError, RecordingError, TrajectoryFileError
 from ik_node.interfaces.clock import NS
 from ik_node.math.types import Array
@@ -32,6 +33,8 @@ class ReportedRun(NamedTuple):
     colour: str
     zero_s: float = 0.0
     """Time on the axis of ``Run.times_s`` that is 0 in the plots."""
+    obstacles: tuple[Obstacle, ...] = ()
+    """Recorded obstacles at the start of the run."""
 
     @property
     def times_s(self) -> Array:
@@ -73,10 +76,12 @@ def read_reported_runs(
             run = load_run(bag)
             if given is not None:
                 _check_overlap(given, run, bag)
-            read.append((run, compute_metrics(run, given or stored_truth(bag), obstacles=read_obstacles(bag))))
+            obstacles = read_obstacles(bag)
+            metrics = compute_metrics(run, given or stored_truth(bag), obstacles=obstacles)
+            read.append((run, metrics, obstacles.at_start))
         except IkNodeError as error:
             raise error if str(bag) in str(error) else RecordingError(f"'{bag}': {error}") from error
-    aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _ in read)
+    aligned = len(read) > 1 and all(len(run.targets.times_s) for run, _, _ in read)
     return tuple(
         ReportedRun(
             name,
@@ -84,8 +89,9 @@ def read_reported_runs(
             metrics,
             RUN_COLOURS[index % len(RUN_COLOURS)],
             float(run.targets.times_s[0]) if aligned else 0.0,
+            obstacles,
         )
-        for index, (name, (run, metrics)) in enumerate(zip(names_of(bags), read, strict=True))
+        for index, (name, (run, metrics, obstacles)) in enumerate(zip(names_of(bags), read, strict=True))
     )
 
 

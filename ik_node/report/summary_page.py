@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ik_node.collision.scene import Obstacle
 from ik_node.interfaces.step import smallest_singular_value
 from ik_node.recording.run import Run
 from ik_node.report import quantities
@@ -36,20 +37,21 @@ REST = 1e-6
 VERDICT_CHARACTERS = 118
 
 
-def save_summary(run: Run, metrics: RunMetrics, path: str | Path) -> None:
+def save_summary(run: Run, metrics: RunMetrics, path: str | Path, obstacles: tuple[Obstacle, ...] = ()) -> None:
     """Writes the summary page of one run.
 
     Args:
         run: The recorded run.
         metrics: Its metrics.
         path: The file; its suffix (png, svg, pdf) selects the format.
+        obstacles: Obstacles to draw.
 
     Raises:
         MissingPackageError: matplotlib is not installed.
         RecordingError: The file cannot be written.
     """
     with report_style():
-        figure = draw_summary(report_run(run, metrics))
+        figure = draw_summary(report_run(run, metrics)._replace(obstacles=obstacles))
         with convert_write_errors():
             figure.savefig(Path(path), dpi=DPI)
 

@@ -26,6 +26,7 @@ from ik_node.report.canvas import report_style
 from ik_node.report.html import as_html
 from ik_node.report.reported_run import ReportedRun, names_of, read_reported_runs
 from ik_node.report.states_page import draw_states
+from ik_node.report.summary_page import draw_summary
 from ik_node.report.table import as_table, metric_rows
 from ik_node.report.timeline import condition_spans, state_intervals
 from ik_node.report.verdict import verdict
@@ -124,6 +125,18 @@ def test_plots_without_data_are_left_out(stopped: ReportedRun, several: tuple[Re
         assert plots and all(axes.has_data() for axes in plots.values())
         assert ("Computing time [ms] over time" in plots) == computed
     assert all(axes.has_data() for axes in timing_plots(several).values())
+
+
+def test_recorded_obstacles_are_drawn_wherever_the_recording_is_read() -> None:
+    """The scene file of the run need not be there."""
+    (reported,) = read_reported_runs([PROJECT / "bags" / "obstacle"])
+    assert [obstacle.name for obstacle in reported.obstacles] == ["post"]
+    settings = {**reported.run.settings, "obstacles.scene": "/nowhere/scene.yaml"}
+    elsewhere = reported._replace(run=reported.run._replace(settings=settings))
+    with report_style():
+        shown, hidden = (draw_summary(each).axes for each in (elsewhere, elsewhere._replace(obstacles=())))
+    path, without = (next(axes for axes in each if axes.name == "3d") for each in (shown, hidden))
+    assert len(path.get_children()) > len(without.get_children())
 
 
 def test_table_compares_several_recordings(several: tuple[ReportedRun, ...]) -> None:

@@ -112,9 +112,10 @@ def write_report(out: Path, truth: GroundTruth, options: DemoOptions) -> None:
     write_ground_truth(out / GROUND_TRUTH_FILE, truth)
     run = load_run(out / "bag")
     name = options.trajectory if options.trajectory in shapes.SHAPES else Path(options.trajectory).name
-    report = compute_metrics(run, truth, name, obstacles=read_obstacles(out / "bag"))
+    obstacles = read_obstacles(out / "bag")
+    report = compute_metrics(run, truth, name, obstacles=obstacles)
     picture = out / "report.png"
-    save_summary(run, report, picture)
+    save_summary(run, report, picture, obstacles.at_start)
     (out / "report.json").write_text(as_json(report))
     print(as_text(report))
     print(f"recording {out / 'bag'}\npicture   {picture}\nlook at it: ik_view {out / 'bag'}", flush=True)

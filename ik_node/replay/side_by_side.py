@@ -61,6 +61,7 @@ def report_side_by_side(bags: Sequence[Path], truth: Path | None, to: Path) -> s
     reported_runs = read_reported_runs(bags, truth)
     write_report(reported_runs, to)
     table = as_table(reported_runs, labels=METHOD_LABELS)
-    if any(reported.metrics.method == UNWEIGHTED for reported in reported_runs):
-        table += f"\nλ task of {UNWEIGHTED} has no unit (W = I); with the mass matrix it is momentum"
+    without = [reported.metrics.method for reported in reported_runs if reported.metrics.method in UNWEIGHTED]
+    if without:
+        table += f"\nλ task of {', '.join(dict.fromkeys(without))} has no unit; with the mass matrix it is momentum"
     return table

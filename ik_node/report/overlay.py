@@ -37,6 +37,10 @@ def _write_verdicts(axes: Any, reported_runs: Sequence[ReportedRun]) -> float:
     return y
 
 
+TABLE_PT, TABLE_WIDTH_PT = 7.6, 700.0
+"""Largest size of the letters of the table, and that of one letter per line that is as wide as the half of the page."""
+
+
 def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
     """Draws the page."""
     figure = new_figure(12.2)
@@ -53,8 +57,8 @@ def draw_overlay(reported_runs: Sequence[ReportedRun]) -> Any:
     table = figure.add_subplot(left[1])
     table.axis("off")
     end = _write_verdicts(table, reported_runs)
-    size = 7.6 if len(reported_runs) <= 2 else 6.4
     text = as_table(reported_runs, COLUMN, MAIN_LABELS)
+    size = min(TABLE_PT, TABLE_WIDTH_PT / max(map(len, text.splitlines())))
     table.text(0.0, end - LINE_PART, text, family="monospace", fontsize=size, va="top", linespacing=1.4)
     bars = 0.22 + 0.16 * len(reported_runs)
     loose = len(loose_components(reported_runs))

@@ -71,9 +71,9 @@ NULL_SPACE_SPEED = DisplayedQuantity("null-space speed |N qd|", "rad/s", digits=
 COMPUTING = DisplayedQuantity("computing time", "ms", 1e3)
 MULTIPLIER_TASK_LINEAR = DisplayedQuantity("λ task, linear", "N s")
 """The multiplier has one presentation everywhere: its task term is a momentum, its potential term divided by the gain k
-a wrench on the tool. For the unweighted method ``plain`` the task term has no unit."""
+a wrench on the tool. For the methods :data:`UNWEIGHTED` by masses the task term has no unit."""
 MULTIPLIER_TASK_ANGULAR = DisplayedQuantity("λ task, angular", "N m s")
 MULTIPLIER_POTENTIAL_LINEAR = DisplayedQuantity("λ potential / k, force", "N")
 MULTIPLIER_POTENTIAL_ANGULAR = DisplayedQuantity("λ potential / k, torque", "N m")
-UNWEIGHTED = "plain"
-"""The method without mass weighting."""
+UNWEIGHTED = ("plain", "joint_weighted")
+"""The methods without mass weighting."""

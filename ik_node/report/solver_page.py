@@ -40,7 +40,7 @@ AXIS_COLOURS = (VERMILION, GREEN, BLUE)
 def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
     """Draws the page: components of the multiplier for one recording, norms for several."""
     figure = new_figure(13.4)
-    page_heading(figure, "Singular values, task scale, clearance, multiplier, energies and null-space motion")
+    page_heading(figure, "Solver")
     if len(reported_runs) > 1:
         run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
     grid = figure.add_gridspec(6, 2, left=0.05, right=0.985, top=0.93, bottom=0.045, hspace=0.32, wspace=0.1)
@@ -90,10 +90,10 @@ def _draw_vectors(axes: Any, reported_runs: Sequence[ReportedRun], vectors: Sequ
 
 
 def _unit(reported_runs: Sequence[ReportedRun], unit: str) -> str:
-    unweighted = [method == UNWEIGHTED for reported in reported_runs for method in methods_of(reported)]
+    unweighted = [method in UNWEIGHTED for reported in reported_runs for method in methods_of(reported)]
     if all(unweighted):
-        return "(unweighted: no momentum)"
-    return f"[{unit}; {UNWEIGHTED}: unweighted]" if any(unweighted) else f"[{unit}]"
+        return "(no momentum: not weighted by masses)"
+    return f"[{unit}; {', '.join(UNWEIGHTED)}: none]" if any(unweighted) else f"[{unit}]"
 
 
 def _frame(reported_runs: Sequence[ReportedRun]) -> str:

@@ -64,7 +64,7 @@ def open_run(
         robot=robot,
         parts=parts,
         velocity_limits=run.velocity_limits,
-        mass_weighted=settings.control.method != UNWEIGHTED,
+        mass_weighted=settings.control.method not in UNWEIGHTED,
         gradient_gain=lambda time_s: float(gains[timeline.row(time_s)]),
         scene_at=scene_history(robot, first, recorded.arrivals, lambda time_s: run.q[timeline.row(time_s)]),
         tolerance_at=_tolerances(run, timeline),

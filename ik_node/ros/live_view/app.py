@@ -113,7 +113,7 @@ def _page(server: Any, node: LiveViewListener, timeline: LiveTimeline, settings:
         robot=robot,
         parts=parts,
         velocity_limits=motion_limits(robot, settings.limits, settings.control.rate_hz).velocity,
-        mass_weighted=settings.control.method != UNWEIGHTED,
+        mass_weighted=settings.control.method not in UNWEIGHTED,
         gradient_gain=lambda _: gain,
         scene_at=timeline.scenes,
         tolerance_at=timeline.tolerance_at,

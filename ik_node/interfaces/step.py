@@ -15,7 +15,7 @@ import numpy as np
 from ik_node.interfaces.clock import Instant
 from ik_node.math.types import Array
 
-FASTER = "faster than target.max_speed"
+FASTER = "faster than target.max_"
 """Part of the status text about a stream that the reference cannot follow; the report finds it by this part."""
 
 

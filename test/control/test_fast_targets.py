@@ -1,4 +1,4 @@
-"""A stream that is faster than ``target.max_speed`` is in the status while it is, with the parameter; jumps are not."""
+"""A stream that moves or accelerates faster than ``target.max_*`` is in the status, with the parameter; jumps are not."""
 
 from __future__ import annotations
 
@@ -35,6 +35,18 @@ def circle(speed_m_s: float) -> Callable[[float], Array]:
 def turning(rate: float) -> Callable[[float], Array]:
     """To and fro about the tool's z at a constant speed, one second each."""
     return lambda time_s: np.array([0.0, 0.0, 0.0, 0.0, 0.0, rate * (0.5 - abs(time_s % 2.0 - 1.0))])
+
+
+def shaking(acceleration: float, axis: int) -> Callable[[float], Array]:
+    """To and fro at 4 Hz, with an acceleration of this size."""
+    rate = 2.0 * math.pi * 4.0
+
+    def twist(time_s: float) -> Array:
+        displacement = np.zeros(6)
+        displacement[axis] = acceleration / rate**2 * (1.0 - math.cos(rate * time_s))
+        return displacement
+
+    return twist
 
 
 def jumps(distance_m: float, every: int) -> Callable[[float], Array]:
@@ -85,6 +97,21 @@ def test_a_fast_stream_is_named_with_the_parameter(loop: Loop, rate_hz: float) -
 def test_a_fast_turn_is_named(loop: Loop) -> None:
     said = run(loop, turning(3.2), 50.0, 0.9)
     assert said == {"the target turns at 3.2 rad/s, faster than target.max_speed (2.5 rad/s)"}
+
+
+@pytest.mark.parametrize(
+    ("axis", "text"),
+    [
+        (1, "the target accelerates faster than target.max_acceleration (10 m/s2)"),
+        (5, "the target accelerates in rotation faster than target.max_acceleration (25 rad/s2)"),
+    ],
+)
+def test_a_stream_that_accelerates_too_fast_is_named(loop: Loop, axis: int, text: str) -> None:
+    bound = Settings().target.max_acceleration[axis > 2]
+    assert not run(loop, shaking(0.5 * bound, axis), 50.0, 1.0)
+    assert run(loop, shaking(1.5 * bound, axis), 50.0, 1.5) == {text}
+    loop.run(1.5)
+    assert "faster than" not in loop.controller.status.reason
 
 
 def test_the_present_parameter_decides(loop: Loop) -> None:

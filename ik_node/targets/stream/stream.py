@@ -20,6 +20,7 @@ from ik_node.math.types import Array
 from ik_node.settings.groups import TargetSettings
 from ik_node.targets.bounds import stream_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
+from ik_node.targets.stream.acceleration_load import AccelerationLoad, accelerates_text, updated_load
 from ik_node.targets.stream.extrapolation import TargetCurve, resting
 from ik_node.targets.stream.latency import ANGULAR_DELAY, LINEAR_DELAY, Latency, latency_at
 from ik_node.targets.stream.predictors import PredictorBank, new_bank, updated_bank
@@ -67,6 +68,7 @@ class StreamSnapshot:
     duplicates: int = 0
     reordered: int = 0
     speed: TargetSpeed = field(default_factory=TargetSpeed)
+    load: AccelerationLoad = field(default_factory=AccelerationLoad)
 
 
 class StreamedPoses:
@@ -79,7 +81,7 @@ class StreamedPoses:
     def configure(self, settings: TargetSettings) -> None:
         """Applies other settings; the estimates of the stream are kept."""
         self._bounds = TrackingBounds(*stream_bounds(settings), settings.timeout_s)
-        self._max_speed = settings.max_speed
+        self._max_speed, self._max_acceleration = settings.max_speed, settings.max_acceleration
         self._pack_inputs()
 
     def capture(self) -> StreamSnapshot:
@@ -157,6 +159,9 @@ class StreamedPoses:
             self._follow(s.bank, sample)
         s.newest = sample
         s.speed = updated_speed(s.speed, sample.time_ns, sample.position, sample.orientation, self._max_speed)
+        motion, counts = s.filter_state.motion, not s.filter_state.jumped
+        accelerations = (counts * length(motion.acceleration), counts * length(motion.angular_acceleration))
+        s.load = updated_load(s.load, sample.received_ns, accelerations, self._max_acceleration)
         self._update_curve(sample, on_arrival)
 
     def _is_duplicate(self, newest: StreamSample, sample: StreamSample) -> bool:
@@ -266,8 +271,11 @@ class StreamedPoses:
 
     @property
     def too_fast(self) -> str:
-        """Warning that the target moves faster than the reference may; empty if it does not."""
-        return too_fast_text(self._state.speed, self._state.filter_state.time_ns, self._max_speed)
+        """Warning that the target moves or accelerates faster than the reference may; empty if it does not."""
+        s, time_ns = self._state, self._state.filter_state.time_ns
+        return too_fast_text(s.speed, time_ns, self._max_speed) or accelerates_text(
+            s.load, time_ns, self._max_acceleration
+        )
 
     @property
     def goal_sd(self) -> Array | None:

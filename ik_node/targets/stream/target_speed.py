@@ -130,8 +130,8 @@ def too_fast_text(speed: TargetSpeed, time_ns: int, bounds: tuple[float, float])
     """
     if time_ns >= speed.until_ns:
         return ""
-    linear = f"moves at {speed.linear:.2g} m/s, {FASTER} ({bounds[0]:g} m/s)" if speed.linear else ""
-    angular = f"turns at {speed.angular:.2g} rad/s, {FASTER} ({bounds[1]:g} rad/s)" if speed.angular else ""
+    linear = f"moves at {speed.linear:.2g} m/s, {FASTER}speed ({bounds[0]:g} m/s)" if speed.linear else ""
+    angular = f"turns at {speed.angular:.2g} rad/s, {FASTER}speed ({bounds[1]:g} rad/s)" if speed.angular else ""
     return f"the target {' and '.join(filter(None, (linear, angular)))}"
 
 

@@ -1,4 +1,4 @@
-"""A stream that moves or accelerates faster than ``target.max_*`` is in the status, with the parameter; jumps are not."""
+"""A stream that moves or accelerates faster than ``target.max_*`` is in the status while it does; jumps are not."""
 
 from __future__ import annotations
 

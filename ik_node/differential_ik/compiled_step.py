@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from ik_node.differential_ik.closed_form import closed_form
 from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, solve_exactly, task_line, unit_rows
+from ik_node.differential_ik.viable_bounds import viable_bounds
 from ik_node.differential_ik.viable_scale import Prediction, needs_foresight, viable_scale
 from ik_node.jit import compiled
 from ik_node.math.pseudoinverse import EPSILON, Decomposition, svd_with_rank
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import MotionLimits, joint_bounds, nothing_relaxed
 
-LOWER, UPPER = 1, 2
+LOWER, UPPER, POSITION = 1, 2, 4
 NO_ORDER = np.zeros(0, dtype=np.int64)
 
 FREE, LIMITED, DAMPERS, NULL_SPACE, OFF_LINE, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5, 6
@@ -44,7 +45,8 @@ class LimitedSolution(NamedTuple):
     base_scale: float
     """s_0."""
     sides: NDArray[np.int8]
-    """Active constraints: LOWER, UPPER, their sum or 0 for each joint, then 1 or 0 for each damper, (n + k,)."""
+    """Active constraints: LOWER, UPPER, their sum or 0 for each joint, plus POSITION for a bound of
+    :mod:`~ik_node.differential_ik.viable_bounds`, then 1 or 0 for each damper, (n + k,)."""
 
 
 class StepSolution(NamedTuple):
@@ -143,6 +145,9 @@ def solve_step(
         none = np.zeros(0)
         return StepSolution(status, none, 0.0, 0.0, none, none, svd, none, np.zeros(0, dtype=np.int8))
     free, wish = closed_form(jacobian, twist, weight, gradient, gain, 0.0, row_scale, per_joint[4], svd), 1.0
+    sooner = bounds
+    if len(order) == n:
+        sooner = viable_bounds(bounds, free.task_velocity, svd.vt[svd.rank :], q, previous, limits, elapsed_s)
     if len(order) == n and needs_foresight(free.task_velocity, scaled, svd.sigma[-1], q, limits):
         ahead = Prediction(jacobian, order, row_scale, twist, tolerance, np.ones(m))
         wish = viable_scale(ahead, q, previous, limits)
@@ -155,13 +160,17 @@ def solve_step(
         np.abs(twist).max(),
         free.joint_velocity,
         wish,
-        bounds.lo,
-        bounds.hi,
+        sooner.lo,
+        sooner.hi,
         rows,
         least,
         weight,
         pull,
     )
+    for i in range(n if found.status == LIMITED else 0):
+        at_lower, at_upper = (found.sides[i] & LOWER) > 0, (found.sides[i] & UPPER) > 0
+        if (at_lower and sooner.lo[i] > bounds.lo[i]) or (at_upper and sooner.hi[i] < bounds.hi[i]):
+            found.sides[i] += POSITION
     off_direction = jacobian @ found.joint_velocity - found.task_scale * twist
     return StepSolution(
         found.status,

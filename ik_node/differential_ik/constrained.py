@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
 from ik_node.differential_ik.closed_form import IDENTITY, ClosedFormSolution, resolve
-from ik_node.differential_ik.compiled_step import LIMITED, UPPER, active_sides, obeys, solve_limited
+from ik_node.differential_ik.compiled_step import LIMITED, LOWER, POSITION, active_sides, obeys, solve_limited
 from ik_node.differential_ik.exact_program import (
     BINDING,
     ROUNDING,
@@ -116,7 +116,12 @@ def binding_names(
     For a joint whose box is a single point the limit of the lower end is named.
     """
     active, n = np.flatnonzero(sides).tolist(), len(joints)
-    names = [f"{cause(bounds, joint, sides[joint] == UPPER)} {joints[joint]}" for joint in active if joint < n]
+    limits = [
+        "position" if sides[joint] & POSITION else cause(bounds, joint, not sides[joint] & LOWER)
+        for joint in active
+        if joint < n
+    ]
+    names = [f"{limit} {joints[joint]}" for limit, joint in zip(limits, active, strict=False)]
     return (*names, *(f"damper {dampers[row - n]}" for row in active if row >= n))
 
 

@@ -239,9 +239,9 @@ class DifferentialIkSolver:
         if len(order):
             ahead = Prediction(jacobian, order, row_scale, twist, self._singularity.tolerance, task.kept)
             wish = min(wish, viable_scale(ahead, state.q, state.previous, self.limits))
-        previous = state.previous if len(order) and self._snapshot.stalled_s <= TIMEOUT_S else None
-        found = solve_gradually(problem, jacobian, task.twist, wish, previous, bounds, dampers)
-        limited, deferred, share = found
+        moving = state if len(order) and self._snapshot.stalled_s <= TIMEOUT_S else None
+        found = solve_gradually(problem, jacobian, task.twist, wish, moving, self._own_limits, bounds, dampers)
+        limited, bounds, deferred, share = found
         closed, scale = limited.unconstrained, limited.task_scale
         truncated = task.truncated + deferred
         progress = (1.0 - share) * scale

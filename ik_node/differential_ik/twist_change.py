@@ -20,10 +20,12 @@ from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik.constrained import ConstrainedSolution
 from ik_node.differential_ik.exact_program import BINDING, task_line
 from ik_node.differential_ik.quadratic_program import PRIMAL_TOLERANCE, SOLVED, UNLIMITED
+from ik_node.differential_ik.solution import ArmState
 from ik_node.differential_ik.task_problem import TaskProblem
+from ik_node.differential_ik.viable_bounds import viable_bounds
 from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
-from ik_node.robot.joint_limits import JointBounds
+from ik_node.robot.joint_limits import JointBounds, MotionLimits
 
 MIN_SCALE = 1e-9
 """A smaller scale is a stop, which every V_f describes."""
@@ -44,6 +46,8 @@ class GradualSolution(NamedTuple):
     """The optimum for V_f."""
 
     limited: ConstrainedSolution
+    bounds: JointBounds
+    """The limits of the solution."""
     deferred: Array
     """V - V_f, (m,), in the frame of J."""
     present_share: float
@@ -55,7 +59,8 @@ def solve_gradually(
     jacobian: Array,
     twist: Array,
     wish: float,
-    previous: Array | None,
+    moving: ArmState | None,
+    limits: MotionLimits,
     bounds: JointBounds,
     dampers: VelocityDampers | None,
 ) -> GradualSolution:
@@ -66,17 +71,24 @@ def solve_gradually(
         jacobian: J, (m, n).
         twist: V, (m,), in the frame of J.
         wish: Largest s.
-        previous: The present command, (n,), rad/s (m/s); None to change V_f at once.
+        moving: State of the arm; None for no foresight: V_f changes at once.
+        limits: Limits of the joints.
         bounds: Limits of this control step.
         dampers: Velocity dampers.
     """
+    if moving is not None:
+        line = task_line(problem.svd, problem.row_scale * twist, float(np.abs(twist).max()))
+        sooner = viable_bounds(bounds, line.ray, line.null, moving.q, moving.previous, limits, moving.elapsed_s)
+        limited = problem.solve(twist, wish, sooner, dampers)
+        if not limited.leaves_direction(twist):
+            return GradualSolution(limited, sooner, np.zeros(len(twist)), 0.0)
     limited, change = problem.solve(twist, wish, bounds, dampers), None
-    if previous is not None and limited.leaves_direction(twist):
-        change = gradual_twist(problem.svd, jacobian, twist, problem.row_scale, wish, previous, bounds)
+    if moving is not None and limited.leaves_direction(twist):
+        change = gradual_twist(problem.svd, jacobian, twist, problem.row_scale, wish, moving.previous, bounds)
     if change is None:
-        return GradualSolution(limited, np.zeros(len(twist)), 0.0)
+        return GradualSolution(limited, bounds, np.zeros(len(twist)), 0.0)
     limited = problem.solve(change.twist, change.scale, bounds, dampers)
-    return GradualSolution(limited, twist - change.twist, change.present_share)
+    return GradualSolution(limited, bounds, twist - change.twist, change.present_share)
 
 
 def gradual_twist(

@@ -14,6 +14,7 @@ from ik_node.control.feedback import DesiredTwist, IkDifference, IkDifferenceSna
 from ik_node.control.integral_action import IntegralAction, IntegralSnapshot
 from ik_node.control.joint_states import JointState
 from ik_node.control.off_direction_warning import MIN_RATIO, MIN_SPEED, NO_WARNING, OffDirectionWarning, updated_warning
+from ik_node.control.rest_off_target import RestOffTarget, RestSnapshot
 from ik_node.control.smith_predictor import SmithPredictor, SmithPredictorSnapshot
 from ik_node.control.task_feedback import TaskFeedback, TaskFeedbackSnapshot, task_note
 from ik_node.differential_ik.own_methods import GivenMethods
@@ -68,6 +69,7 @@ class VelocityControllerSnapshot(NamedTuple):
     smith_predictor: SmithPredictorSnapshot
     solver: SolverSnapshot
     task: TaskFeedbackSnapshot = TaskFeedbackSnapshot()
+    rest: RestSnapshot = RestSnapshot()
 
 
 class VelocityController:
@@ -91,6 +93,8 @@ class VelocityController:
         """What of the task the arm cannot follow in general; empty for nothing."""
         self._ik = IkDifference(robot, self._task.tolerance, self._locked)
         self._integral = IntegralAction()
+        self._rest = RestOffTarget(robot, self._task.tolerance, self._locked)
+        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
         self._smith_predictor = SmithPredictor(robot.n, settings.control)
         self.velocity = np.zeros(robot.n)
         self.commanded_ns = 0
@@ -110,7 +114,9 @@ class VelocityController:
             self.solver.reset()
         if is_other_task or self._locked != before:
             self._ik.configure(self._task.tolerance, self._locked)
+            self._rest.configure(self._task.tolerance, self._locked)
             self.task_note = task_note(self._robot, self._task.tolerance, self._locked, proposes=False)
+        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
         self._smith_predictor.configure(settings.control)
 
     def set_rate(self, rate_hz: float) -> None:
@@ -127,6 +133,7 @@ class VelocityController:
             capture(self._smith_predictor, SmithPredictorSnapshot),
             self.solver.capture(),
             capture(self._task, TaskFeedbackSnapshot),
+            capture(self._rest, RestSnapshot),
         )
 
     def restore(self, snapshot: VelocityControllerSnapshot) -> None:
@@ -137,6 +144,7 @@ class VelocityController:
         restore(self._smith_predictor, snapshot.smith_predictor)
         self.solver.restore(snapshot.solver)
         restore(self._task, snapshot.task)
+        restore(self._rest, snapshot.rest)
 
     def start(self, time_ns: int, commanded_ns: int) -> None:
         """Resets all components for an arm at rest.
@@ -150,6 +158,7 @@ class VelocityController:
         self._smith_predictor.reset(time_ns)
         self._ik.solution = None
         self._integral.reset()
+        self._rest.reset()
         self.solver.reset()
         self.task_scale, self.truncated, self.off_direction = 1.0, False, NO_WARNING
 
@@ -227,6 +236,9 @@ class VelocityController:
         self.command(solution.joint_velocity, now.monotonic_ns)
         self.task_scale = solution.progress
         self.truncated = _is_noticeable(solution.truncated_b)
+        self._rest.update(
+            state.position, motion, desired.error_b, solution, self.solver.limits, self._row_scale, now.monotonic_ns
+        )
         if solution.off_direction_limits or self.off_direction.text:
             self.off_direction = updated_warning(
                 self.off_direction,
@@ -255,6 +267,8 @@ class VelocityController:
             found.append("a joint limit was relaxed")
         if not self._ik.converged:
             found.append("inverse kinematics found no solution near the last one")
+        if self._rest.text:
+            found.append(self._rest.text)
         if self._slowing:
             found.append(self._slowing)
         if solver.unlimited:

@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 from loop import Loop, make_robot
 
+from ik_node.control.controller import Controller
+from ik_node.control.controller_state import ControllerSnapshot
 from ik_node.control.start_posture import choose_start_posture
 from ik_node.differential_ik.methods import METHODS
+from ik_node.interfaces.samples import JointSample, PoseSample
 from ik_node.inverse_kinematics.pose_solver import solve_pose
 from ik_node.math import se3
 from ik_node.math.types import Array
+from ik_node.recording.json_codec import from_json, to_json
 from ik_node.robot.catalogue import robot_from_settings
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ArmSettings, Settings
@@ -92,6 +96,65 @@ def test_a_truncation_that_keeps_the_arm_at_rest_is_released(
     assert (np.diff(late) < 0.01 * before_m).all(), "the tool is not led away from the pose"
     for step in approach.loop.steps:
         assert (np.abs(step.joint_velocity) <= robot.limits.velocity).all()
+
+
+UPWARDS = (0.0, 0.0, 0.1)
+HELD = "off the target, held by position left_e1"
+
+
+def at_rest_below(move_s: tuple[float, ...] = UPWARDS, duration_s: float = 15.0) -> Approach:
+    """A Baxter from joint positions of zero, at rest where no small motion within the limits reduces the error."""
+    robot = make_robot("baxter")
+    start = np.zeros(robot.n)
+    approach = Approach(robot, start, moved(robot, start, move_s), "plain")
+    approach.run(duration_s)
+    return approach
+
+
+def reason(approach: Approach) -> str:
+    return approach.loop.controller.status.reason
+
+
+def test_the_status_names_what_holds_the_arm_and_the_joint_positions_that_reach_the_pose() -> None:
+    approach = at_rest_below((0.0, -0.1, 0.0))
+    text = reason(approach)
+    assert HELD in text
+    assert "a singularity of left_" in text
+    assert "other joint positions reach it, left_" in text
+    approach.goal = approach.loop.pose()
+    approach.run(1.0)
+    approach.loop.run(0.5)
+    assert "off the target" not in reason(approach)
+
+
+def test_the_status_states_that_no_joint_positions_were_found() -> None:
+    text = reason(at_rest_below((0.3, 0.0, 0.0)))
+    assert "none of 12 searches found joint positions within the limits that reach it" in text
+
+
+@pytest.mark.parametrize("move_s", [(0.0, -0.1, 0.0), (0.3, 0.0, 0.0)])
+def test_the_search_continues_from_a_snapshot_bit_for_bit(move_s: tuple[float, ...]) -> None:
+    """The snapshots are those of the steps of the search, in the form in which recordings contain them."""
+    approach = at_rest_below(move_s, 1.0)
+    controller, robot = approach.loop.controller, approach.loop.robot
+    other = Controller(robot, approach.loop.settings)
+    searched = 0
+    for _ in range(1000):
+        other.restore(from_json(to_json(controller.capture()), ControllerSnapshot))
+        approach.loop.target(approach.goal)
+        quaternion = se3.quaternion_from_rotation(approach.goal[:3, :3])
+        now = approach.loop.now
+        other.on_target_pose(PoseSample(now.ros_ns, robot.base_frame, approach.goal[:3, 3], quaternion), now)
+        step = approach.loop.tick()
+        assert step is not None
+        again = other.on_joint_state(JointSample(step.now.ros_ns, robot.joints, step.joint_position), step.now)
+        assert again is not None
+        assert again.joint_velocity.tobytes() == step.joint_velocity.tobytes()
+        assert again.status == step.status
+        searched += controller.capture().velocity_controller.rest.seed is not None
+        if searched and controller.capture().velocity_controller.rest.seed is None:
+            break
+    assert searched > 1
 
 
 ARMS = (

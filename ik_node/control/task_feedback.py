@@ -5,12 +5,8 @@ With c, rows_b and rows_d of :mod:`ik_node.math.task_error`, and A the rows of r
     V_t = rows_d V_d + K_p c          of the exact components; the speed of the feedback is bounded as for whole poses
     V_b = A^+ V_t                     the same as a body twist, zero along what is free
 
-A component c within its half-width w is not corrected. Its rate c' = f - r qd, with f the feed-forward of the target,
-is bounded where it approaches a border, -a (w + c) <= c' <= a (w - c), and a component beyond the border returns at
-K_p times its distance from it. As rows of the differential inverse kinematics::
-
-     r qd >=  f - a (w - c)           r qd >=  f + K_p (c - w)   beyond it
-    -r qd >= -f - a (w + c)          -r qd >= -f + K_p (-c - w)  beyond it
+A component within its half-width is not corrected; :mod:`ik_node.differential_ik.task_rows` bounds its rate at the
+borders of its band.
 """
 
 from __future__ import annotations
@@ -24,7 +20,6 @@ from ik_node.control.feedback import DesiredTwist, twist_feedback
 from ik_node.differential_ik.task_rows import BandBorders, ToleranceRows, least_twist_map
 from ik_node.interfaces.motion import Motion
 from ik_node.jit import compiled
-from ik_node.math import se3
 from ik_node.math.quaternion import Vector, length
 from ik_node.math.task_error import (
     NO_DIRECTION,
@@ -33,14 +28,12 @@ from ik_node.math.task_error import (
 )
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
+from ik_node.robot.joint_limits import motion_limits
 from ik_node.robot.locked_chain import free_joints
 from ik_node.robot.robot import Robot
 from ik_node.robot.task_rank import task_rank
 from ik_node.settings.groups import ControlSettings, Settings
 from ik_node.settings.task import TaskSettings
-
-LEAST_BORDER_RATE = 1.0
-"""a is the gain, but at least this, 1/s: without feedback the arm may still use a band up to its border."""
 
 
 class TaskFeedbackSnapshot(NamedTuple):
@@ -65,16 +58,25 @@ class TaskFeedback:
         self.tolerance = tolerance = tolerance_of(settings.task)
         self._form: TaskForm | None = None if tolerance.is_exact else tolerance.form
         self._exact = np.flatnonzero(tolerance.exact)
-        self._bands = np.flatnonzero(~tolerance.exact & ~tolerance.free)
-        self._row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
+        self._rows: ToleranceRows | None = None
+        if self._form is not None:
+            row_scale = np.repeat((1.0, settings.control.characteristic_length), 3)
+            self._rows = ToleranceRows(self._robot, row_scale, self._form, self._borders(settings))
         if tolerance == before:
             return False
         self.swing_direction = NO_DIRECTION
-        self._borders = BandBorders(self._bands, np.zeros(2 * len(self._bands)))
         return True
 
+    def _borders(self, settings: Settings) -> BandBorders:
+        control, bands = settings.control, np.flatnonzero(~self.tolerance.exact & ~self.tolerance.free)
+        limits = motion_limits(self._robot, settings.limits, control.rate_hz)
+        acceleration = np.where(np.isin(self._robot.joints, control.locked_joints), 0.0, limits.acceleration)
+        return BandBorders(
+            bands, np.repeat(control.gain, 3)[bands], np.repeat(control.max_feedback_twist, 3)[bands], acceleration
+        )
+
     def twist(self, pose_sb: Array, motion: Motion, control: ControlSettings) -> DesiredTwist:
-        """The feedback law; keeps the borders of the bands for :meth:`rows`.
+        """The feedback law.
 
         Args:
             pose_sb: Pose of the tool, (4, 4).
@@ -86,10 +88,9 @@ class TaskFeedback:
         """
         if self._form is None:
             return twist_feedback(pose_sb, motion, control)
-        desired, least, self.swing_direction = _feedback(
+        desired, self.swing_direction = _feedback(
             self._form,
             self._exact,
-            self._bands,
             np.ascontiguousarray(pose_sb),
             np.ascontiguousarray(motion.pose_sd),
             motion.twist_d,
@@ -97,7 +98,6 @@ class TaskFeedback:
             *control.max_feedback_twist,
             self.swing_direction,
         )
-        self._borders = BandBorders(self._bands, least)
         return desired
 
     def rows(self, motion: Motion, to_middle_s: float) -> ToleranceRows | None:
@@ -107,10 +107,9 @@ class TaskFeedback:
             motion: Desired motion of that twist.
             to_middle_s: Time from ``motion.pose_sd`` to the middle of the control interval, s.
         """
-        if self._form is None:
-            return None
-        pose_sd = se3.compose(np.ascontiguousarray(motion.pose_sd), se3.exp6(to_middle_s * motion.twist_d))
-        return ToleranceRows(self._robot, self._row_scale, self._form, pose_sd, self.swing_direction, self._borders)
+        if self._rows is not None:
+            self._rows.aim(motion, to_middle_s, self.swing_direction)
+        return self._rows
 
 
 def task_note(robot: Robot, tolerance: TaskTolerance, locked: tuple[str, ...], proposes: bool) -> str:
@@ -137,7 +136,6 @@ def tolerance_of(task: TaskSettings) -> TaskTolerance:
 def _feedback(
     form: TaskForm,
     exact: NDArray[np.intp],
-    bands: NDArray[np.intp],
     pose_sb: Array,
     pose_sd: Array,
     twist_d: Array,
@@ -146,7 +144,7 @@ def _feedback(
     max_linear: float,
     max_angular: float,
     swing_direction: Vector,
-) -> tuple[DesiredTwist, Array, Vector]:
+) -> tuple[DesiredTwist, Vector]:
     deviation = task_deviation(form, pose_sb, pose_sd, swing_direction)
     c, widths = deviation.components, form.half_widths
     feedforward, outside, feedback = deviation.rows_d @ twist_d, np.zeros(6), np.zeros(6)
@@ -160,13 +158,6 @@ def _feedback(
         if speed > limit:
             for i in range(first, first + 3):
                 feedback[i] *= limit / speed
-    count = len(bands)
-    least = np.empty(2 * count)
-    for k in range(count):
-        i = bands[k]
-        gain, limit = (gain_linear, max_linear) if i < 3 else (gain_angular, max_angular)
-        least[k] = feedforward[i] + _border_rate(c[i] - widths[i], gain, limit)
-        least[count + k] = -feedforward[i] + _border_rate(-c[i] - widths[i], gain, limit)
     rows = np.empty((len(exact), 6))
     wanted, lead = np.empty(len(exact)), np.empty(len(exact))
     for k in range(len(exact)):
@@ -175,15 +166,7 @@ def _feedback(
         wanted[k] = lead[k] + feedback[exact[k]]
     lift = least_twist_map(rows)
     desired = DesiredTwist(_in_body(form, deviation.rows_b, outside, pose_sb), lift @ lead, lift @ wanted)
-    return desired, least, deviation.swing_direction
-
-
-@compiled
-def _border_rate(beyond: float, gain: float, limit: float) -> float:
-    """Least rate at which a component has to leave a border that it exceeds by ``beyond``; negative inside."""
-    if beyond > 0.0:
-        return min(gain * beyond, limit)
-    return max(gain, LEAST_BORDER_RATE) * beyond
+    return desired, deviation.swing_direction
 
 
 @compiled

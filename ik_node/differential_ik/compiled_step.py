@@ -2,9 +2,9 @@
 
 :func:`solve_step` serves nearly every control step in one call. Where a singularity has to be regulated its
 status is ``SINGULAR``, and the decomposition is that of the regulation; the regulated task is solved by
-:func:`solve_limited`, as is every other one. ``solve_limited`` does not solve three problems, which
-:mod:`ik_node.differential_ik.constrained` leaves to iterative solvers: null spaces of two and more dimensions under
-limits, velocity dampers that zero velocity violates, and boxes without a multiple of the twist.
+:func:`solve_limited`, as is every other one. What ``solve_limited`` does not solve is left to the iterative solvers of
+:mod:`ik_node.differential_ik.constrained`: null spaces of two and more dimensions under limits, velocity dampers that
+zero velocity violates, boxes without a multiple of the twist, and bands that do not permit the whole twist.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ik_node.differential_ik.band_program import velocity_with_bands
 from ik_node.differential_ik.closed_form import closed_form
-from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, solve_exactly, task_line, unit_rows
+from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, ROUNDING, solve_exactly, task_line, unit_rows
 from ik_node.differential_ik.viable_bounds import viable_bounds
 from ik_node.differential_ik.viable_scale import Prediction, needs_foresight, viable_scale
 from ik_node.jit import compiled
@@ -26,10 +27,12 @@ from ik_node.robot.joint_limits import MotionLimits, joint_bounds, nothing_relax
 LOWER, UPPER, POSITION = 1, 2, 4
 NO_ORDER = np.zeros(0, dtype=np.int64)
 
-FREE, LIMITED, DAMPERS, NULL_SPACE, OFF_LINE, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5, 6
+FREE, LIMITED, DAMPERS, NULL_SPACE, OFF_LINE, BANDS, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5, 6, 7
 """Status: no constraint is active; some are; zero velocity violates the dampers; the null space has two or more
-dimensions; no multiple of the twist is inside the box; a singular value is below the threshold; the limits of this
-control step contradict each other."""
+dimensions; no multiple of the twist is inside the box; bands permit no s = 1; a singular value is below the threshold;
+the limits of this control step contradict each other."""
+NO_BANDS = np.zeros((0, 0))
+NO_BORDERS = np.zeros(0)
 
 
 class LimitedSolution(NamedTuple):
@@ -101,6 +104,8 @@ def solve_step(
     elapsed_s: float,
     rows: Array,
     least: Array,
+    band_rows: Array = NO_BANDS,
+    band_least: Array = NO_BORDERS,
     order: NDArray[np.int64] = NO_ORDER,
     tolerance: float = 0.0,
 ) -> StepSolution:
@@ -122,6 +127,8 @@ def solve_step(
         elapsed_s: For how long it has been held, s.
         rows: Velocity dampers ``rows`` qd >= ``least``, (k, n).
         least: (k,).
+        band_rows: Rows of the bands, (b, n): ``band_rows`` qd >= s ``band_least``.
+        band_least: v, (b,).
         order: Indices of the joints from the base to the tool, (n,); empty for none: the twist is not predicted.
         tolerance: Singular value below which predicted rates are bounded, m.
 
@@ -137,7 +144,7 @@ def solve_step(
     svd = svd_with_rank(scaled, max(m, n) * EPSILON)
     bounds = joint_bounds(limits, q, previous, elapsed_s)
     status = FREE
-    if not svd.sigma[-1] >= threshold:
+    if not svd.sigma[-1] >= threshold and not (svd.rank == 0 and len(band_least)):  # rank 0: nothing is exact
         status = SINGULAR
     elif not nothing_relaxed(bounds):
         status = RELAXED
@@ -164,6 +171,8 @@ def solve_step(
         sooner.hi,
         rows,
         least,
+        band_rows,
+        band_least,
         weight,
         pull,
     )
@@ -196,10 +205,12 @@ def solve_limited(
     hi: Array,
     rows: Array,
     least: Array,
+    band_rows: Array,
+    band_least: Array,
     weight: Array,
     pull: Array,
 ) -> LimitedSolution:
-    """The problem of :mod:`ik_node.differential_ik.constrained`, for null spaces of dimension 0 and 1.
+    """The problem of :mod:`ik_node.differential_ik.constrained`, as far as no iterative solver is needed.
 
     Args:
         svd: Decomposition of D J.
@@ -211,9 +222,42 @@ def solve_limited(
         hi: Upper ends, (n,).
         rows: Velocity dampers ``rows`` qd >= ``least``, (k, n).
         least: (k,).
+        band_rows: Rows of the bands, (b, n): ``band_rows`` qd >= s ``band_least``.
+        band_least: v, (b,).
         weight: W, (n, n), or :data:`ik_node.differential_ik.closed_form.IDENTITY`.
         pull: Linear term of the cost, (n,).
     """
+    if (
+        len(band_least)
+        and wish == 1.0
+        and not (obeys(free, lo, hi, rows, least) and hold(free, wish, band_rows, band_least))
+    ):
+        is_found, velocity = velocity_with_bands(svd, free, lo, hi, rows, least, band_rows, band_least, weight)
+        if is_found:
+            units, limit = unit_rows(rows, least)
+            sides = active_sides(velocity, lo, hi, units, limit)
+            return LimitedSolution(LIMITED, velocity, wish, velocity, wish, sides)
+    found = _without_bands(svd, scaled_twist, max_entry, free, wish, lo, hi, rows, least, weight, pull)
+    if found.status > LIMITED or hold(found.joint_velocity, found.task_scale, band_rows, band_least):
+        return found
+    return LimitedSolution(BANDS, free, wish, free, wish, found.sides)
+
+
+@compiled
+def _without_bands(
+    svd: Decomposition,
+    scaled_twist: Array,
+    max_entry: float,
+    free: Array,
+    wish: float,
+    lo: Array,
+    hi: Array,
+    rows: Array,
+    least: Array,
+    weight: Array,
+    pull: Array,
+) -> LimitedSolution:
+    """:func:`solve_limited` for a task without bands."""
     base, none = np.minimum(np.maximum(0.0, lo), hi), np.zeros(len(lo) + len(least), dtype=np.int8)
     if obeys(free, lo, hi, rows, least):
         return LimitedSolution(FREE, free, wish, np.zeros(len(lo)), 0.0, none)
@@ -240,6 +284,15 @@ def obeys(velocity: Array, lo: Array, hi: Array, rows: Array, least: Array) -> b
             return False
     for k in range(len(least)):  # noqa: SIM110 - numba does not compile all() of a generator
         if not rows[k] @ velocity >= least[k]:
+            return False
+    return True
+
+
+@compiled
+def hold(velocity: Array, scale: float, rows: Array, least: Array) -> bool:
+    """True if ``velocity`` (n,) obeys the bands at the task scale s, up to rounding."""
+    for k in range(len(least)):  # noqa: SIM110 - numba does not compile all() of a generator
+        if not rows[k] @ velocity >= scale * least[k] - ROUNDING:
             return False
     return True
 

@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik import quadratic_program
 from ik_node.differential_ik.closed_form import IDENTITY, ClosedFormSolution, resolve
-from ik_node.differential_ik.compiled_step import LIMITED, LOWER, POSITION, active_sides, obeys, solve_limited
+from ik_node.differential_ik.compiled_step import LIMITED, LOWER, POSITION, active_sides, solve_limited
 from ik_node.differential_ik.exact_program import (
     BINDING,
     ROUNDING,
@@ -203,22 +203,34 @@ def solve(
     free, scaled_twist = unconstrained.joint_velocity, scale * twist
     mass = IDENTITY if weight is None else weight
     pull = np.zeros(len(lo)) if gradient is None else unconstrained.gain * gradient
-    if bands is None or (obeys(free, lo, hi, rows, least) and bands.hold(free, wish)):
-        found = solve_limited(
-            svd, scaled_twist, float(np.abs(twist).max()), free, wish, lo, hi, rows, least, mass, pull
+    band_rows, band_least = (np.zeros((0, len(lo))), np.zeros(0)) if bands is None else bands[:2]
+    found = solve_limited(
+        svd,
+        scaled_twist,
+        float(np.abs(twist).max()),
+        free,
+        wish,
+        lo,
+        hi,
+        rows,
+        least,
+        band_rows,
+        band_least,
+        mass,
+        pull,
+    )
+    if found.status <= LIMITED:
+        return ConstrainedSolution(
+            found.joint_velocity,
+            found.task_scale,
+            found.base_velocity,
+            found.base_scale,
+            jacobian @ found.joint_velocity,
+            found.sides,
+            np.zeros(len(least)),
+            False,
+            unconstrained,
         )
-        if found.status <= LIMITED:
-            return ConstrainedSolution(
-                found.joint_velocity,
-                found.task_scale,
-                found.base_velocity,
-                found.base_scale,
-                jacobian @ found.joint_velocity,
-                found.sides,
-                np.zeros(len(least)),
-                False,
-                unconstrained,
-            )
     return _solve_iteratively(unconstrained, svd, jacobian, twist, lo, hi, mass, pull, scale, rows, least, wish, bands)
 
 

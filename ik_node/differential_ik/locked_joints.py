@@ -23,7 +23,7 @@ from ik_node.collision.avoidance import AvoidanceTerms
 from ik_node.collision.velocity_damper import VelocityDampers
 from ik_node.differential_ik.constrained import MIN_OFF_DIRECTION
 from ik_node.differential_ik.solution import ArmState, DifferentialIkSolution
-from ik_node.differential_ik.task_rows import ROUNDING, TaskBands, TaskRows
+from ik_node.differential_ik.task_rows import TaskBands, TaskRows
 from ik_node.math.types import Array
 from ik_node.robot.joint_limits import MotionLimits, largest_change
 
@@ -112,11 +112,9 @@ class FreeRows(TaskRows):
         self.row_scale, self.is_empty = rows.row_scale, rows.is_empty
         self.bands = None
         if rows.bands is not None:
-            columns = joints.columns(rows.bands.rows)
-            moved = np.abs(columns).max(axis=1) > ROUNDING  # the free joints may be unable to move along a component
             least = rows.bands.least - rows.bands.rows @ ramp
-            names = tuple(name for name, moves in zip(rows.bands.names, moved.tolist(), strict=True) if moves)
-            self.bands = TaskBands(columns[moved], least[moved], names)
+            bands = TaskBands(joints.columns(rows.bands.rows), least, rows.bands.names)
+            self.bands = bands.of_joints_that_move()
 
     def place(self, q: Array) -> Array:
         """See :meth:`TaskRows.place`."""

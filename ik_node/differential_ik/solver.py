@@ -86,8 +86,7 @@ class DifferentialIkSolver:
         self.unlimited = tuple(self._robot.joints[index] for index in np.flatnonzero(np.isinf(limits.velocity)))
         """Names of the joints without a velocity limit."""
         self.collision_monitor.configure(settings.obstacles)
-        self._control = settings.control
-        self._singularity = settings.singularity
+        self._control, self._singularity = settings.control, settings.singularity
         self._exact = settings.task.tolerance.count(0.0)
         self._whole_pose = TaskRows(self._robot, np.repeat((1.0, settings.control.characteristic_length), 3))
         fraction = 1.0 if self.method.avoids_obstacles else OTHER_SPEED_FRACTION
@@ -96,7 +95,7 @@ class DifferentialIkSolver:
         self._joints = tuple(self._robot.joints[index] for index in free)
         """Joints of the problem; those that are not locked."""
         self._free = FreeJoints(self._robot.joints, free) if len(free) < self._robot.n else None
-        self._no_rows = np.zeros((0, len(free)))
+        self._no_rows = np.zeros((0, len(free))), np.zeros(0)
         self._set_limits(limits)
         if set(self._locked) != set(settings.control.locked_joints):
             self._locked = settings.control.locked_joints
@@ -216,11 +215,12 @@ class DifferentialIkSolver:
             state.q,
             state.previous,
             state.elapsed_s,
-            *((self._no_rows, NO_GRADIENT) if dampers is None else dampers[:2]),
+            *(self._no_rows if dampers is None else dampers[:2]),
+            *(self._no_rows if rows.bands is None else rows.bands[:2]),
             order,
             self._singularity.tolerance,
         )
-        if step.is_solved and (rows.bands is None or rows.bands.hold(step.joint_velocity, step.task_scale)):
+        if step.is_solved:
             solution = self._solution(step, state, rows, twist, terms)
             if solution is not None:
                 return solution
@@ -277,13 +277,7 @@ class DifferentialIkSolver:
         )
 
     def _regulated(
-        self,
-        rows: TaskRows,
-        state: ArmState,
-        jacobian: Array,
-        twist: Array,
-        bounds: JointBounds,
-        svd: Decomposition,
+        self, rows: TaskRows, state: ArmState, jacobian: Array, twist: Array, bounds: JointBounds, svd: Decomposition
     ) -> RegulatedTask:
         """What singularities leave of the twist."""
         if rows.is_empty:
@@ -381,19 +375,23 @@ class DifferentialIkSolver:
             rows.wrench(step.multiplier_task),
             rows.wrench(step.multiplier_potential),
             rows.all_singular_values(step.svd.sigma),
-            () if step.status == FREE else self._binding(step, state, terms),
+            () if step.status == FREE else self._binding(step, state, rows, terms),
             (),
             NO_PAIR if terms is None else terms.closest,
         )
 
-    def _binding(self, step: StepSolution, state: ArmState, terms: AvoidanceTerms | None) -> tuple[str, ...]:
+    def _binding(
+        self, step: StepSolution, state: ArmState, rows: TaskRows, terms: AvoidanceTerms | None
+    ) -> tuple[str, ...]:
         bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
-        return binding_names(step.sides, bounds, self._joints, () if terms is None else terms.dampers.names)
+        bands = () if rows.bands is None else rows.bands.active(step.joint_velocity, step.task_scale)
+        dampers = () if terms is None else terms.dampers.names
+        return (*binding_names(step.sides, bounds, self._joints, dampers), *bands)
 
     def _avoidance_terms(self, state: ArmState, repel: bool) -> AvoidanceTerms | None:
-        limits = self.limits
-        change = largest_change(limits.acceleration, state.elapsed_s, limits.dt_max_s)
-        return self.collision_monitor.update(state.q, state.previous, change, limits.dt_max_s, state.time_ns, repel)
+        hold_s = self.limits.dt_max_s
+        change = largest_change(self.limits.acceleration, state.elapsed_s, hold_s)
+        return self.collision_monitor.update(state.q, state.previous, change, hold_s, state.time_ns, repel)
 
     def _stalled_time(self, twist: Array, fraction: float, elapsed_s: float) -> float:
         return stalled_time(self._snapshot.stalled_s, fraction, float(np.abs(twist).max()), elapsed_s)

@@ -274,8 +274,8 @@ class TargetArbiter:
         """
         self._time_ns = max(self._time_ns, time_ns)
         if pose_sb is not None and not self._members.follows_whole_pose:
-            self._tool_sb = pose_sb
-            pose_sb = self._members.pose(pose_sb, pose_matrix(self._motion()))
+            self._tool_sb, is_used = pose_sb, self._source is not TargetSource.POSE
+            pose_sb = self._members.pose(pose_sb, pose_matrix(self._motion())) if is_used else pose_sb
         if self._source is TargetSource.POSE:
             return self._stream.advance(time_ns, hold_s)
         if self._on_path:

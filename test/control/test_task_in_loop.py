@@ -235,14 +235,14 @@ def test_the_tool_settles_on_a_target_that_is_turned_over() -> None:
 
 
 def test_nothing_is_corrected_inside_a_band_and_nothing_chatters_at_its_border() -> None:
-    """A target turns to and fro by 0.5 rad: the tool rests while it is inside, and else is at the border, without a
+    """A target turns to and fro by 0.3 rad: the tool rests while it is inside, and else is at the border, without a
     change of direction more than the target's."""
     loop = task_loop("ur5", BAND)
     start = loop.pose()
 
     def target(time_s: float) -> Array:
         moved: Array = start.copy()
-        moved[:3, :3] = start[:3, :3] @ Rotation.from_rotvec((0.5 * np.sin(2.0 * time_s), 0.0, 0.0)).as_matrix()
+        moved[:3, :3] = start[:3, :3] @ Rotation.from_rotvec((0.3 * np.sin(time_s), 0.0, 0.0)).as_matrix()
         return moved
 
     loop.follow(target, 4.0, 100.0)
@@ -250,7 +250,7 @@ def test_nothing_is_corrected_inside_a_band_and_nothing_chatters_at_its_border()
     c = np.array([task_deviation(form, step.pose_sb, step.pose_sd).components[3] for step in loop.steps])
     moving = np.linalg.norm(commands(loop), axis=1) > 1e-4
     assert np.abs(c[300:]).max() < 0.2 + 1e-3
-    assert np.abs(c[moving]).min() > 0.2 - 1.6 / 10.0, "from the border less than the target's speed over the gain"
+    assert np.abs(c[moving]).min() > 0.2 - 0.48 / 10.0, "from the border less than the target's speed over the gain"
     assert 0.05 < np.mean(~moving) < 0.9
     turns = commands(loop) @ commands(loop)[np.argmax(np.abs(commands(loop)).sum(axis=1))]
     turns = np.sign(turns[np.abs(turns) > 1e-4])

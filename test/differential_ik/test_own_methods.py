@@ -22,13 +22,13 @@ from ik_node.control.controller import Controller
 from ik_node.control.warm_up import warm_up
 from ik_node.differential_ik.own_methods import load_methods, source_digest
 from ik_node.differential_ik.solver import DifferentialIkSolver
-from ik_node.differential_ik.task_rows import BandBorders, ToleranceRows
+from ik_node.differential_ik.task_rows import ToleranceRows
 from ik_node.errors import SettingsError
 from ik_node.interfaces.clock import NS
+from ik_node.interfaces.motion import Motion
 from ik_node.interfaces.samples import JointSample
 from ik_node.interfaces.step import Level
 from ik_node.math import se3
-from ik_node.math.task_error import NO_DIRECTION
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -308,11 +308,12 @@ def test_whatever_the_cost_is_the_task_is_executed_as_with_plain(name: str, widt
     solver = DifferentialIkSolver(robot, settings("mine", "mine", **values), {"mine": any_cost})
     source = cases(robot, kinematics, solver, rng)
     case, others = next(source), 0
-    none = BandBorders(np.zeros(0, dtype=np.intp), np.zeros(0))
     for _ in range(200):
         target = np.ascontiguousarray(robot.pose(case.state.q_middle) @ se3.exp(rng.normal(size=6) * 0.05))
-        scale = np.repeat((1.0, 0.3), 3)
-        rows = None if task.is_exact else ToleranceRows(robot, scale, task.form, target, NO_DIRECTION, none)
+        rows = None
+        if not task.is_exact:
+            rows = ToleranceRows(robot, np.repeat((1.0, 0.3), 3), task.form)
+            rows.aim(Motion(target, np.zeros(6)))
         before = solver.capture()
         solver.method.fail("replaced by plain")
         plain = solver.solve_twist(case.state, case.twist, rows)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ik_node.jit import compiled
 from ik_node.math.quaternion import (
     Quaternion,
     conjugate,
@@ -36,14 +35,6 @@ def at_pose(motion: RigidMotion, pose: Array) -> RigidMotion:
     return motion._replace(position=(x, y, z), orientation=from_matrix(pose))
 
 
-@compiled
-def _nearest_pose(form: TaskForm, pose_sd: Array, near_sd: Array) -> Array:
-    """:func:`nearest_member` for poses (4, 4), C-contiguous."""
-    near = pose_position(near_sd), pose_quaternion(near_sd)
-    member = nearest_member(form, pose_position(pose_sd), pose_quaternion(pose_sd), near[0], near[1])
-    return pose_matrix(resting(member[0], member[1]))
-
-
 class TaskMembers:
     """Members of targets, for one tolerance."""
 
@@ -62,7 +53,8 @@ class TaskMembers:
         """The member (4, 4) of a target that is nearest to a reference pose (4, 4)."""
         if self._form is None:
             return pose_sd
-        return _nearest_pose(self._form, np.ascontiguousarray(pose_sd), np.ascontiguousarray(near_sd))
+        near = pose_position(near_sd), pose_quaternion(near_sd)
+        return pose_matrix(resting(*nearest_member(self._form, pose_position(pose_sd), from_matrix(pose_sd), *near)))
 
     def path(self, positions: Array, orientations: tuple[Quaternion, ...]) -> tuple[Array, tuple[Quaternion, ...]]:
         """The members of the poses of a path, each nearest to the one before.

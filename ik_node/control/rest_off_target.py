@@ -115,8 +115,8 @@ class RestOffTarget:
         elif error_m < PROGRESS * self.least_m:
             self.reset()
             self.least_m, self.since_ns = error_m, time_ns
-        elif self.seed is not None:
-            self._search(motion.pose_sd)
+        elif self.seed is not None and self.begin is not None:
+            self._search(motion.pose_sd, self.begin, self.seed)
         elif not self.text and time_ns - self.since_ns >= REST_S * NS:
             at_rest = bool((np.abs(solution.joint_velocity) < REST_FRACTION * limits.velocity).all())
             holding = self._holding(q, solution, row_scale) if at_rest else ""
@@ -125,13 +125,12 @@ class RestOffTarget:
                 self.text = f"at rest {distance} off the target, held by {holding}"
                 self.begin = self.seed = q.copy()
 
-    def _search(self, pose_sd: Array) -> None:
+    def _search(self, pose_sd: Array, begin: Array, seed: Array) -> None:
         """A few iterations of the search."""
-        assert self.begin is not None
-        found = self._solver.solve(pose_sd, self.seed, restarts=0)
+        found = self._solver.solve(pose_sd, seed, restarts=0)
         self.seed, self.calls = found.q, self.calls + 1
         if found.converged:
-            difference = self._robot.difference(self.begin, found.q)
+            difference = self._robot.difference(begin, found.q)
             joint = int(np.abs(difference).argmax())
             unit = "rad" if self._robot.revolute[joint] else "m"
             self.text += (
@@ -142,7 +141,7 @@ class RestOffTarget:
         elif found.reason is not TerminationReason.CAP or self.calls >= CALLS_PER_START:
             self.start, self.calls = self.start + 1, 0
             if self.start < STARTS:
-                self.seed = self._start(self.begin)
+                self.seed = self._start(begin)
             else:
                 self.text += f"; none of {STARTS} searches found joint positions within the limits that reach it"
                 self.seed = None

@@ -56,7 +56,8 @@ def warm_up(robot: Robot, settings: Settings) -> int:
         The number of functions that were loaded or compiled.
     """
     count = compilation_count()
-    run = _SimulatedRun(robot, settings)
+    # The file of the scene may be on another computer, if the settings are recorded ones.
+    run = _SimulatedRun(robot, settings.with_values({"obstacles.scene": ""}))
     run.paths()  # first, while the reference is where the arm is: only then does the arm move along them
     for method in METHOD_NAMES:
         try:

@@ -29,6 +29,8 @@ from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.samples import JointSample, PoseSample
 from ik_node.math import se3
 from ik_node.math.types import Array
+from ik_node.report.canvas import convert_write_errors, new_figure, report_style
+from ik_node.report.style import BLUE, VERMILION
 from ik_node.robot import catalogue
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import ArmSettings, Settings
@@ -60,8 +62,14 @@ SINGULAR = {
     "g1": (0.2, 0.3, 0.0, 1.5, 0.0, 0.2, 0.1),
 }
 """Nearly stretched elbows."""
-CASES = ("free", "bound", "singular")
-"""bound: a quarter of the velocity that the circle needs is permitted."""
+RIVALS = ("pink", "mink")
+TICKS_US = (20, 50, 100, 200, 500, 1000, 2000, 5000)
+ROW_IN = 0.24
+"""Height of a row of the chart."""
+CASES = ("free", "bound", "singular", "pointing", "band")
+"""bound: a quarter of the velocity that the circle needs is permitted; pointing: the rotation about the tool's z is
+free; band: besides, 0.2 rad about x and y are."""
+TOLERANCES = {"pointing": (0.0, 0.0, 0.0, 0.0, 0.0, np.inf), "band": (0.0, 0.0, 0.0, 0.2, 0.2, np.inf)}
 
 
 class Candidate(Protocol):
@@ -85,6 +93,7 @@ class Ours:
     def __init__(self, name: str, robot: Robot, settings: Settings, scene: Scene) -> None:
         self.name = name
         self._robot = robot
+        self._exact = 6 if settings.task.tolerance.count(0.0) == 6 else 3  # the position is exact in all cases
         self._controller = Controller(robot, settings)
         self._controller.collision_monitor.scene = scene
         self._still = np.zeros(robot.n)
@@ -109,7 +118,7 @@ class Ours:
         followed = step.scale * (step.twist_b - step.truncated_b) + step.off_direction_b
         # The Jacobian of the middle of the interval: q + h/2 qd of the last command.
         jacobian = self._robot.evaluate(step.joint_position).jacobian_b
-        return float(np.abs(jacobian @ step.joint_velocity - followed).max())
+        return float(np.abs(jacobian @ step.joint_velocity - followed)[: self._exact].max())
 
 
 class Row(NamedTuple):
@@ -215,6 +224,8 @@ def measure(arm: str, case: str, obstacles: int, steps: int, rivals: bool) -> li
     values: dict[str, Any] = {"rate_hz": RATE_HZ, "follow.enabled": False}
     if case == "bound":
         values["limits.velocity_fraction"] = 0.02
+    if case in TOLERANCES:
+        values["task.tolerance"] = TOLERANCES[case]
     near = min(obstacles, 20)
     settings = Settings(arm=ARMS[arm]).with_values(values)
     robot = catalogue.robot_from_settings(settings.arm)
@@ -237,6 +248,26 @@ def measure(arm: str, case: str, obstacles: int, steps: int, rivals: bool) -> li
         worst = float(np.nanmedian(residuals)) if np.isfinite(residuals).any() else float("nan")
         rows.append(Row(arm, case, obstacles, candidate.name, p10, median, p99, worst))
     return rows
+
+
+def chart(rows: Sequence[Row], file: Path) -> None:
+    """Draws the 10th percentile to the median, and the 99th percentile, of each candidate on a logarithmic scale."""
+    with report_style(), convert_write_errors():
+        figure = new_figure(1.2 + ROW_IN * len(rows))
+        axes = figure.subplots()
+        for place, row in enumerate(rows):
+            colour = VERMILION if row.candidate in RIVALS else BLUE
+            axes.plot((row.p10_us, row.median_us), (place, place), color=colour, linewidth=5.0, solid_capstyle="butt")
+            axes.plot(row.p99_us, place, "|", color=colour, markersize=9.0)
+        labels = [f"{row.robot}, {row.case}, {row.obstacles} obstacles: {row.candidate}" for row in rows]
+        axes.set_yticks(range(len(rows)), labels, fontsize="small")
+        axes.set_xscale("log")
+        axes.set_xticks(TICKS_US, [str(value) for value in TICKS_US])
+        axes.set_xlim(0.9 * min(row.p10_us for row in rows), 1.1 * max(row.p99_us for row in rows))
+        axes.tick_params(axis="x", which="minor", labelbottom=False)
+        axes.set_xlabel("control step, \N{MICRO SIGN}s: 10th percentile to median, and 99th percentile")
+        axes.invert_yaxis()
+        figure.savefig(file, bbox_inches="tight")
 
 
 def ratios(rows: Sequence[Row]) -> dict[str, float]:
@@ -270,6 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--parts", action="store_true", help="print where the time of a step goes, and nothing else")
     parser.add_argument("--ours", action="store_true", help="without pink and mink")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
+    parser.add_argument("--chart", type=Path, metavar="PNG", help="also draw them")
     options = parser.parse_args(arguments)
     if options.parts:
         for arm in options.robots:
@@ -295,6 +327,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         machine = {"processor": platform.processor() or platform.machine(), "python": platform.python_version()}
         content = {"machine": machine, "rows": [row._asdict() for row in rows], "ratios": found}
         options.json.write_text(json.dumps(content, indent=1))
+    if options.chart:
+        chart(rows, options.chart)
     return 0 if all(not row.worst_residual > MAX_RESIDUAL for row in rows) else 1
 
 

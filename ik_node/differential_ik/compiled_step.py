@@ -29,8 +29,8 @@ NO_ORDER = np.zeros(0, dtype=np.int64)
 
 FREE, LIMITED, DAMPERS, NULL_SPACE, OFF_LINE, BANDS, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5, 6, 7
 """Status: no constraint is active; some are; zero velocity violates the dampers; the null space has two or more
-dimensions; no multiple of the twist is inside the box; bands permit no s = 1; a singular value is below the threshold;
-the limits of this control step contradict each other."""
+dimensions; no multiple of the twist is inside the box; bands permit no s = 1, nor the solution without them; a singular
+value is below the threshold; the limits of this control step contradict each other."""
 NO_BANDS = np.zeros((0, 0))
 NO_BORDERS = np.zeros(0)
 

@@ -28,6 +28,7 @@ is shortened towards qd_0 until it fits.
 
 Bands of a task (:mod:`ik_node.differential_ik.task_rows`) are rows r_i qd >= s v_i: with s as one more coordinate of
 qd they are rows of the same programs. At s = 0 they permit qd = 0, so that s decreases where limits contradict them.
+Where they permit s = 1 the optimum is that of :mod:`ik_node.differential_ik.band_program`, whatever the null space.
 
 When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the direction, the
 dampers. The box is never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).

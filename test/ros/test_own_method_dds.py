@@ -22,7 +22,7 @@ SOURCE = """
 from time import sleep
 
 def late(robot, q):
-    if abs(q[0]) > 0.02:
+    if 0.02 < abs(q[0]) < 0.2:
         sleep(0.1)
     return None, q
 
@@ -49,7 +49,7 @@ def select(peer: Peer, method: str, each: FakeArm) -> tuple[bool, str]:
     return result.successful, result.reason
 
 
-@pytest.mark.parametrize(("name", "words"), [("wrong", "grad_h has the shape (6,)"), ("late", "a call took 0.1")])
+@pytest.mark.parametrize(("name", "words"), [("wrong", "grad_h has the shape (6,)"), ("late", "a call took")])
 def test_a_method_that_fails_is_replaced_and_the_arm_goes_on(peer: Peer, tmp_path: Path, name: str, words: str) -> None:
     """The recording gives the same bits, whether the function fails by itself or its time is measured."""
     method = f"method_of_a_user_dds:{name}"

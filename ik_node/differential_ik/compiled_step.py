@@ -3,8 +3,8 @@
 :func:`solve_step` serves nearly every control step in one call. Where a singularity has to be regulated its
 status is ``SINGULAR``, and the decomposition is that of the regulation; the regulated task is solved by
 :func:`solve_limited`, as is every other one. What ``solve_limited`` does not solve is left to the iterative solvers of
-:mod:`ik_node.differential_ik.constrained`: null spaces of two and more dimensions under limits, velocity dampers that
-zero velocity violates, boxes without a multiple of the twist, and bands that do not permit the whole twist.
+:mod:`ik_node.differential_ik.constrained`: velocity dampers that zero velocity violates, and boxes or bands that permit
+no multiple of the twist.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ik_node.differential_ik.band_program import velocity_with_bands
+from ik_node.differential_ik.active_set import largest_motion
 from ik_node.differential_ik.closed_form import closed_form
 from ik_node.differential_ik.exact_program import BINDING, DAMPER_BINDING, ROUNDING, solve_exactly, task_line, unit_rows
 from ik_node.differential_ik.viable_bounds import viable_bounds
@@ -27,10 +27,9 @@ from ik_node.robot.joint_limits import MotionLimits, joint_bounds, nothing_relax
 LOWER, UPPER, POSITION = 1, 2, 4
 NO_ORDER = np.zeros(0, dtype=np.int64)
 
-FREE, LIMITED, DAMPERS, NULL_SPACE, OFF_LINE, BANDS, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5, 6, 7
-"""Status: no constraint is active; some are; zero velocity violates the dampers; the null space has two or more
-dimensions; no multiple of the twist is inside the box; bands permit no s = 1, nor the solution without them; a singular
-value is below the threshold; the limits of this control step contradict each other."""
+FREE, LIMITED, DAMPERS, OFF_LINE, SINGULAR, RELAXED = 0, 1, 2, 3, 4, 5
+"""Status: no constraint is active; some are; zero velocity violates the dampers; no multiple of the twist is permitted;
+a singular value is below the threshold; the limits of this control step contradict each other."""
 NO_BANDS = np.zeros((0, 0))
 NO_BORDERS = np.zeros(0)
 
@@ -227,46 +226,18 @@ def solve_limited(
         weight: W, (n, n), or :data:`ik_node.differential_ik.closed_form.IDENTITY`.
         pull: Linear term of the cost, (n,).
     """
-    if (
-        len(band_least)
-        and wish == 1.0
-        and not (obeys(free, lo, hi, rows, least) and hold(free, wish, band_rows, band_least))
-    ):
-        is_found, velocity = velocity_with_bands(svd, free, lo, hi, rows, least, band_rows, band_least, weight)
-        if is_found:
-            units, limit = unit_rows(rows, least)
-            sides = active_sides(velocity, lo, hi, units, limit)
-            return LimitedSolution(LIMITED, velocity, wish, velocity, wish, sides)
-    found = _without_bands(svd, scaled_twist, max_entry, free, wish, lo, hi, rows, least, weight, pull)
-    if found.status > LIMITED or hold(found.joint_velocity, found.task_scale, band_rows, band_least):
-        return found
-    return LimitedSolution(BANDS, free, wish, free, wish, found.sides)
-
-
-@compiled
-def _without_bands(
-    svd: Decomposition,
-    scaled_twist: Array,
-    max_entry: float,
-    free: Array,
-    wish: float,
-    lo: Array,
-    hi: Array,
-    rows: Array,
-    least: Array,
-    weight: Array,
-    pull: Array,
-) -> LimitedSolution:
-    """:func:`solve_limited` for a task without bands."""
     base, none = np.minimum(np.maximum(0.0, lo), hi), np.zeros(len(lo) + len(least), dtype=np.int8)
-    if obeys(free, lo, hi, rows, least):
+    if obeys(free, lo, hi, rows, least) and hold(free, wish, band_rows, band_least):
         return LimitedSolution(FREE, free, wish, np.zeros(len(lo)), 0.0, none)
-    if len(lo) - svd.rank > 1:
-        return LimitedSolution(NULL_SPACE, free, wish, base, 0.0, none)
-    if not obeys(base, lo, hi, rows, least):
-        return LimitedSolution(DAMPERS, free, wish, base, 0.0, none)
     units, limit = unit_rows(rows, least)
     line = task_line(svd, scaled_twist, max_entry)
+    if len(band_least) or len(line.null) > 1:
+        scale, velocity = largest_motion(svd, line.ray, free, wish, lo, hi, rows, least, band_rows, band_least, weight)
+        if np.isnan(scale):
+            return LimitedSolution(OFF_LINE, free, wish, base, 0.0, none)
+        return LimitedSolution(LIMITED, velocity, scale, velocity, scale, active_sides(velocity, lo, hi, units, limit))
+    if not obeys(base, lo, hi, rows, least):
+        return LimitedSolution(DAMPERS, free, wish, base, 0.0, none)
     base_scale = np.nan if np.any(base != 0.0) else 0.0
     found = solve_exactly(line, lo, hi, units, limit, base, base_scale, weight, pull, free, wish)
     velocity = np.minimum(np.maximum(found.joint_velocity, lo), hi)

@@ -21,14 +21,14 @@ space of J (rows), and there are two stages:
 1. s: a linear program in (s, z);
 2. z at that s: a quadratic program in the null space.
 
-Null spaces of dimension 0 and 1 are solved exactly, in compiled code
-(:func:`ik_node.differential_ik.compiled_step.solve_limited`), larger ones by DAQP
-(:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its check, the closed form
-is shortened towards qd_0 until it fits.
+Both are solved in compiled code (:func:`ik_node.differential_ik.compiled_step.solve_limited`): null spaces of dimension
+0 and 1 without bands by :mod:`ik_node.differential_ik.exact_program`, others by
+:mod:`ik_node.differential_ik.active_set`. If the box has no multiple of V_f, or zero violates a damper, larger null
+spaces are left to DAQP (:mod:`ik_node.differential_ik.quadratic_program`), whose answers are checked; if one fails its
+check, the closed form is shortened towards qd_0 until it fits.
 
 Bands of a task (:mod:`ik_node.differential_ik.task_rows`) are rows r_i qd >= s v_i: with s as one more coordinate of
 qd they are rows of the same programs. At s = 0 they permit qd = 0, so that s decreases where limits contradict them.
-Where they permit s = 1 the optimum is that of :mod:`ik_node.differential_ik.band_program`, whatever the null space.
 
 When constraints conflict they are relaxed in this order, each by the least amount: the cost, s, the direction, the
 dampers. The box is never relaxed; it is never empty (:mod:`ik_node.robot.joint_limits`).

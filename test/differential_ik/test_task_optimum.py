@@ -207,7 +207,7 @@ def test_the_answers_to_many_reduced_problems_are_optima(name: str, task: str) -
 def check_optimum(name: str, task: str, count: int, seed: int) -> None:
     robot = make_robot(name)
     kinematics, rng = Kinematics(robot), np.random.default_rng(seed)
-    limited = banded = compared = not_least = passed = 0
+    limited = banded = compared = passed = 0
     for method in METHODS:
         for _ in range(count):
             p = problem(robot, kinematics, TASKS[task], method, rng)
@@ -222,20 +222,11 @@ def check_optimum(name: str, task: str, count: int, seed: int) -> None:
             if one_pass.is_solved:
                 assert s == pytest.approx(one_pass.task_scale, abs=1e-9)
                 assert one_pass.joint_velocity == pytest.approx(qd, abs=1e-9)
-            if one_pass.is_solved and one_pass.task_scale == 1.0:
-                error, _ = optimality_error(p, one_pass.joint_velocity, 1.0)
-                assert error < 1e-9
-                passed += bool((rows @ qd <= s * least + 1e-9).any())
+            passed += bool(one_pass.is_solved and (rows @ qd <= s * least + 1e-9).any())
             best, excess = largest_scale(p)
-            # Seven joints and three rows (position): there the linear program of DAQP ends up to 1e-6 early, on xarm7.
-            exactly = len(p.lo) - np.linalg.matrix_rank(p.jacobian) != 4
-            assert np.isnan(best) or s >= best - (1e-9 if exactly else 2e-6) - 1e3 * max(excess, 0.0)
+            assert np.isnan(best) or s >= best - 1e-9 - 1e3 * max(excess, 0.0)
             error, multiplier = optimality_error(p, qd, s)
-            if error >= 1e-9:  # DAQP found no z of least cost at the largest s
-                assert not exactly
-                assert s < 1.0
-                not_least += 1
-                continue
+            assert error < 1e-9 + 1e-15 * multiplier, "the check itself has this rounding"
             reference = least_cost(p, s)
             if not np.isnan(reference):
                 # the reference may exceed its rows by 1e-11, which gains as much as the multipliers say
@@ -243,7 +234,6 @@ def check_optimum(name: str, task: str, count: int, seed: int) -> None:
                 compared += 1
             limited += s < 1.0
             banded += bool((rows @ qd <= s * least + 1e-9).any())
-    assert not_least <= 0.1 * count * len(METHODS)
     assert compared > 0.2 * count * len(METHODS)
     assert passed > 0 or TASKS[task].free.sum() + TASKS[task].exact.sum() == 6
     assert limited > 0 or TASKS[task].exact.sum() == 0

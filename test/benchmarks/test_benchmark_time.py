@@ -43,3 +43,4 @@ def test_every_joint_state_is_answered(tmp_path: Path) -> None:
         assert row["sent"] == 200
         assert row["missed"] < 20  # a busy machine
         assert 0.0 < row["median_us"] < 20e3
+        assert row["start_s"] > 0.1, "a process that imports rclpy"

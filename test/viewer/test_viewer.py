@@ -703,27 +703,28 @@ def test_page_in_a_browser_without_internet(page: ViewerPage, browser: Browser) 
     browser.until("the controls", lambda: browser.evaluate("!!document.querySelector('.mantine-Slider-track')"))
     # Chromium is slow without a GPU, and viser shows a notification about it in front of the scene.
     close = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(e => e.click())"
-    pictures = [browser.picture()]
-
-    def is_steady() -> bool:
-        browser.evaluate(close)
-        pictures.append(browser.picture())
-        return changed(*pictures[-2:]) == 0.0 and bool(np.ptp(scene_of(pictures[-1])) > 180)
-
-    browser.until("a steady picture", is_steady)
-    visible = pictures[-1]
     box = "[...document.querySelectorAll('label')].find(e => e.textContent == 'robot').htmlFor"
-    browser.evaluate(f"document.getElementById({box}).click()")
-    browser.until("the arm to be hidden", lambda: changed(visible, browser.picture()) > 0.02)
-    hidden = browser.picture()
 
-    def is_shown_again() -> bool:
-        # Repeated while it is off: the server's echo of the first click may arrive after the second click.
-        browser.evaluate(f"(e => {{ if (!e.checked) e.click() }})(document.getElementById({box}))")
-        # Not compared with the first picture, in which a mesh may be missing on a slow machine.
-        return changed(hidden, browser.picture()) > 0.02
+    def steady_picture(shown: str) -> Picture:
+        pictures = [browser.picture()]
 
-    browser.until("the arm to be shown", is_shown_again)
+        def is_steady() -> bool:
+            browser.evaluate(close)
+            # Repeated: the server's echo of an earlier click may arrive after a later one.
+            browser.evaluate(f"(e => {{ if (e.checked != {shown}) e.click() }})(document.getElementById({box}))")
+            pictures.append(browser.picture())
+            return len(pictures) > 2 and not any(changed(one, pictures[-1]) for one in pictures[-3:-1])
+
+        browser.until("a steady picture", is_steady)
+        return pictures[-1]
+
+    def is_switched() -> bool:
+        """Repeated until all meshes are loaded and drawn, which takes a while on a slow machine."""
+        visible, hidden, again = (steady_picture(shown) for shown in ("true", "false", "true"))
+        return min(changed(visible, hidden), changed(hidden, again)) > 0.02 and changed(visible, again) < 0.001
+
+    browser.until("the arm to be hidden and shown", is_switched)
+    visible = steady_picture("true")
 
     pose = world_pose(page.server, "/robot/5")
     x, y, width, height = browser.place(".mantine-Slider-track")

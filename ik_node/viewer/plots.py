@@ -132,7 +132,7 @@ class PlotPanel:
                 data=empty + tuple(np.zeros(2) for _ in range(len(plot.labels) + 1)),
                 series=_series(plot),
                 title=plot.title,
-                scales=_scales(plot, False),
+                scales=scales_of(plot, np.zeros((2, len(plot.labels)))),
                 axes=(
                     {"size": 24 if len(plot.labels) == 1 else 38, "font": "10px sans-serif"},
                     {"size": AXIS_PX, "font": "10px sans-serif", "space": TICK_SPACE_PX},
@@ -144,7 +144,6 @@ class PlotPanel:
             )
             for plot in plots
         ]
-        self._all_zero = [False] * len(plots)
         self._drawn: tuple[Timeline, float, float] | None = None
         self._lines: list[tuple[Array, Array]] = []
 
@@ -165,12 +164,10 @@ class PlotPanel:
                 handle.data = (times, *values.T, cursor)
 
     def _update_scales(self) -> None:
-        """Gives quantities that are zero everywhere a range of their own: uPlot would draw 0 to 100."""
-        for index, (plot, (_, values)) in enumerate(zip(self._plots, self._lines, strict=True)):
-            all_zero = plot.span == FROM_ZERO and not (values[np.isfinite(values)] > 0.0).any()
-            if all_zero != self._all_zero[index]:
-                self._all_zero[index] = all_zero
-                self._handles[index].scales = _scales(plot, all_zero)
+        for plot, handle, (_, values) in zip(self._plots, self._handles, self._lines, strict=True):
+            scales = scales_of(plot, values)
+            if scales != handle.scales:  # the chart is made anew
+                handle.scales = scales
 
     def _decimated(self, timeline: Timeline, begin_s: float, end_s: float) -> list[tuple[Array, Array]]:
         first, last = timeline.row(begin_s), int(np.searchsorted(timeline.times_s, end_s, side="right"))
@@ -178,9 +175,26 @@ class PlotPanel:
         return [_contiguous(*decimation.decimate(shown.times_s, plot.columns(shown))) for plot in self._plots]
 
 
-def _scales(plot: PlotSpec, all_zero: bool) -> dict[str, Any]:
-    span = (0.0, 1.0) if all_zero else plot.span
+def scales_of(plot: PlotSpec, values: Array) -> dict[str, Any]:
+    """Scales of a chart, with a range of the vertical axis where uPlot would not find one that shows the values.
+
+    uPlot draws 0 to 100 for a quantity that is zero everywhere, and nothing when the first value of a line is NaN.
+
+    Args:
+        plot: The plot.
+        values: Its values, (k, lines); NaN where they are not known.
+    """
     scales: dict[str, Any] = {"x": {"time": False}, "now": {"range": (0.01, 1.0)}}
+    span = plot.span
+    finite = values[np.isfinite(values)]
+    if span in (None, FROM_ZERO):
+        if not finite.size or (span == FROM_ZERO and not (finite > 0.0).any()):
+            span = (0.0, 1.0)
+        elif not np.isfinite(values[0]).all():
+            low, high = (0.0 if span == FROM_ZERO else float(finite.min())), float(finite.max())
+            # In steps, so that the range of a live plot seldom changes.
+            step = 10.0 ** np.floor(np.log10(max(high - low, 1e-3 * abs(high), 1e-9)))
+            span = (float(step * np.floor(low / step)), float(step * (np.floor(high / step) + 1.0)))
     return {**scales, "y": {"range": span}} if span else scales
 
 

@@ -37,7 +37,7 @@ LAYERS = {
     "desired_path": ("desired path", "Desired path: grey dashes"),
     "targets": ("targets", "Positions of the received targets: dots"),
     "frames": ("frames", "Tool frame (short axes) and desired pose (long, thin axes)"),
-    "tolerance": ("tolerance", "Free axes: yellow lines, dashed for rotations; bands: green boxes and cones"),
+    "tolerance": ("tolerance", "Free axes: yellow lines, dashed for rotations; bands: green boxes, cones and sectors"),
     "multiplier_linear": ("\u03bb linear", "Linear parts of the multiplier: task term magenta, potential term yellow"),
     "multiplier_angular": ("\u03bb angular", "Angular parts of the multiplier, in the same colours"),
     "obstacles": ("obstacles", "Obstacles at the displayed time"),

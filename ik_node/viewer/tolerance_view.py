@@ -1,13 +1,15 @@
-"""The tolerance of the task in the 3-D scene, at the desired pose: free axes as lines, bands as boxes and cones.
+"""The tolerance of the task in the 3-D scene: free axes as lines, bands as boxes, cones and sectors.
 
-All objects are in the axes of the tolerance (:mod:`ik_node.math.task_error`): in the frame ``tool`` those of the
-target, turned about a free rotation to be nearest to those of the tool; in the frame ``base`` those of the base frame.
+All objects are at the desired pose, in the axes of the tolerance (:mod:`ik_node.math.task_error`): in the frame
+``tool`` those of the target, turned about a free rotation to be nearest to those of the tool; in the frame ``base``
+those of the base frame.
 
 ==================================  =====================================================================
 free translation                    a long line along the axis
 free rotation                       a dashed line along the axis of rotation
 bands of translations               a box of their half-widths, flat in exact and long in free directions
 bands of rotations about two axes   a cone: the third axis stays in it
+band of one rotation                a sector in the plane that it turns, for each other axis that stays in one
 ==================================  =====================================================================
 """
 
@@ -25,13 +27,15 @@ from ik_node.math.types import Array
 
 FREE_COLOUR, BAND_COLOUR = (240, 170, 0), (0, 158, 115)
 FREE_M, TURN_M, CONE_M = 0.5, 0.2, 0.15
-"""Lengths of a line to either side of the target, of a free translation and a free rotation, and of a cone."""
+"""Lengths of a line to either side of the target, of a free translation and a free rotation, and of cone and sector."""
 DASHES = 8
 """Of a free rotation, to either side."""
 FLAT_M = 0.001
 """Thickness of a box in an exact direction."""
 SIDE_POINTS = 12
 """Points on each of the four sides of a cone's rim."""
+ARC_POINTS = 33
+"""Points on the arc of a sector."""
 
 
 class ToleranceView:
@@ -92,18 +96,20 @@ class ToleranceView:
         for index in range(3):
             across = [3 + (index + 1) % 3, 3 + (index + 2) % 3]
             if bands[across].all():
-                vertices, faces = cone(index, widths[3:])
-                handles.append(
-                    self._scene.add_mesh_simple(
-                        f"{node}/cone_{'xyz'[index]}",
-                        vertices,
-                        faces,
-                        color=BAND_COLOUR,
-                        opacity=0.3,
-                        side="double",
-                    )
-                )
+                handles.append(self._add_band(f"cone_{'xyz'[index]}", *cone(index, widths[3:])))
+        if np.count_nonzero(bands[3:]) == 1:
+            about = int(np.flatnonzero(bands[3:])[0])
+            others = [(about + 1) % 3, (about + 2) % 3]
+            # Beside one free rotation only its axis is held; the other one turns about it.
+            for axis in [k for k in others if free[3 + k]] if np.count_nonzero(free[3:]) == 1 else others:
+                name = f"sector_r{'xyz'[about]}_{'xyz'[axis]}"
+                handles.append(self._add_band(name, *sector(about, axis, widths[3 + about])))
         return handles
+
+    def _add_band(self, name: str, vertices: Array, faces: NDArray[np.int64]) -> Any:
+        return self._scene.add_mesh_simple(
+            f"/base/tolerance/{name}", vertices, faces, color=BAND_COLOUR, opacity=0.3, side="double"
+        )
 
 
 def cone(axis: int, half_widths: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -126,3 +132,20 @@ def cone(axis: int, half_widths: Array) -> tuple[Array, NDArray[np.int64]]:
     count = len(points)
     faces = np.array([(0, 1 + i, 1 + (i + 1) % count) for i in range(count)], dtype=np.int64)
     return np.vstack((np.zeros(3), *points)), faces
+
+
+def sector(about: int, axis: int, half_width: float) -> tuple[Array, NDArray[np.int64]]:
+    """Surface that an axis sweeps between the borders of a band of rotation.
+
+    Args:
+        about: Axis of rotation: 0, 1 or 2.
+        axis: The other axis: 0, 1 or 2.
+        half_width: Of the band, rad.
+
+    Returns:
+        Vertices (k, 3), m, of which the first is the tip and the others the arc, and triangles (k - 2, 3).
+    """
+    turns = np.linspace(-half_width, half_width, ARC_POINTS)[:, None] * np.eye(3)[about]
+    arc = [CONE_M * se3.exp_rotation(turn)[:, axis] for turn in turns]
+    faces = np.array([(0, i, i + 1) for i in range(1, ARC_POINTS)], dtype=np.int64)
+    return np.vstack((np.zeros(3), *arc)), faces

@@ -87,6 +87,40 @@ def test_a_cone_stands_at_the_target_about_the_axis_that_leans(server: Any) -> N
     assert names(server, "cone_x", "cone_y", "cone_z", "box", "free_rz") == ["cone_z", "free_rz"]
 
 
+@pytest.mark.parametrize("frame", ["tool", "base"])
+@pytest.mark.parametrize(
+    ("rotations", "shown"),
+    [
+        ((0.3, 0.0, 0.0), ["sector_rx_y", "sector_rx_z"]),
+        ((0.0, 0.0, 2.5), ["sector_rz_x", "sector_rz_y"]),
+        ((0.3, 0.0, INF), ["sector_rx_z"]),
+        ((INF, 0.3, 0.0), ["sector_ry_x"]),
+        ((INF, 0.3, INF), ["sector_ry_x", "sector_ry_z"]),
+        ((0.3, 0.3, 0.0), []),
+        ((0.3, 0.3, 0.3), []),
+    ],
+)
+def test_a_band_about_one_axis_is_a_sector_for_each_axis_that_it_turns(
+    server: Any, frame: str, rotations: tuple[float, ...], shown: list[str]
+) -> None:
+    """The tool that is turned so that its axis is on an edge has its rotation at the border of the tolerance."""
+    tolerance = TaskTolerance((0.0, 0.0, 0.0, *rotations), frame)
+    drawn(server, tolerance.half_widths, frame)
+    assert names(server, *(f"sector_r{i}_{k}" for i in "xyz" for k in "xyz")) == shown
+    axes = TARGET[:3, :3] if frame == "tool" else np.eye(3)
+    for name in shown:
+        about, axis = "xyz".index(name[8]), "xyz".index(name[-1])
+        points = in_base(server, name) - TARGET[:3, 3]
+        assert np.abs(points[0]).max() < 1e-6
+        assert np.abs(points @ axes[:, about]).max() < 1e-6, "normal to the axis of rotation"
+        for edge in (points[1], points[-1]):
+            angle = np.arctan2(edge @ np.cross(axes[:, about], axes[:, axis]), edge @ axes[:, axis])
+            tool = TARGET.copy()
+            tool[:3, :3] = axes @ se3.exp_rotation(angle * np.eye(3)[about]) @ axes.T @ TARGET[:3, :3]
+            deviation = task_deviation(tolerance.form, tool, TARGET).components[3 + about]
+            assert abs(deviation) == pytest.approx(rotations[about], abs=1e-6)
+
+
 def test_bands_of_positions_are_a_box_in_the_axes_of_the_nearest_member(server: Any) -> None:
     tool = TARGET.copy()
     tool[:3, :3] = TARGET[:3, :3] @ se3.exp_rotation(np.array([0.0, 0.0, 0.7]))

@@ -51,7 +51,7 @@ from ik_node.viewer import decimation, meshes, status_html
 from ik_node.viewer.open_run import open_run
 from ik_node.viewer.page import ViewerPage
 from ik_node.viewer.playback import Playback
-from ik_node.viewer.plots import plots_for
+from ik_node.viewer.plots import FROM_ZERO, PlotSpec, plots_for, scales_of
 from ik_node.viewer.server import serve, url_of
 from ik_node.viewer.task_plots import task_plots
 from ik_node.viewer.timeline import TimelineBuffer, timeline_of
@@ -506,6 +506,27 @@ def test_what_is_not_exact_is_listed_and_drawn_from_its_time_on(run: Run, server
     assert np.isnan(task_plots(lambda _: TaskTolerance())[0].columns(timeline)).all()
 
 
+@pytest.mark.parametrize("span", [None, FROM_ZERO, (0.0, 1.1)])
+def test_values_that_are_not_known_at_first_do_not_empty_a_plot(span: tuple[float | None, float | None] | None) -> None:
+    """uPlot finds no range of lines of which one begins with NaN."""
+    plot = PlotSpec("title", ("one", "two"), lambda timeline: timeline.pose_sb[:, :2, 3], span)
+    known = np.array([[3.0, 210.0], [4.0, 190.0], [5.0, np.nan]])
+    assert scales_of(plot, known).get("y") == (None if span is None else {"range": span})
+    for column in (0, 1):
+        values = known.copy()
+        values[0, column] = np.nan
+        low, high = scales_of(plot, values)["y"]["range"]
+        if span == (0.0, 1.1):
+            assert (low, high) == span
+        else:
+            assert 0.0 <= low <= 3.0
+            assert np.nanmax(values) <= high <= 300.0
+            assert scales_of(plot, 0.0 * values + 7.0)["y"]["range"][1] >= 7.0, "constant"
+    for nothing in (0.0, np.nan):
+        low, high = scales_of(plot, np.full((3, 2), nothing)).get("y", {"range": (0.0, 1.0)})["range"]
+        assert (low, high) == (span if span == (0.0, 1.1) else (0.0, 1.0))
+
+
 def test_recorded_texts_are_escaped(run: Run) -> None:
     """A recorded reason can contain any text."""
     frame = timeline_of(run).frame(len(run.times_s) - 1)
@@ -677,7 +698,8 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
 
 @pytest.fixture
 def page(run: Run, server: Any) -> Iterator[ViewerPage]:
-    made = open_run(server, run, "made/run")
+    free_spin = {"task.tolerance": (0.0, 0.0, 0.0, 0.0, 0.0, float("inf"))}
+    made = open_run(server, run._replace(setting_changes=((1.5, free_spin),)), "made/run")
     server.scene.configure_default_lights(cast_shadow=False)  # slow without a GPU
     done = threading.Event()
 
@@ -743,7 +765,10 @@ def test_page_in_a_browser_without_internet(page: ViewerPage, browser: Browser) 
     browser.click(x + 0.5 * width, y + 0.5 * height)
     browser.until("the pause", lambda: not page.playback.playing)
 
-    assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 6
+    assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 7
+    charts = "Object.values(window.__viserTestpoints.uplots).map(entry => entry.chart)"
+    undrawn = "charts.filter(chart => chart.scales.y.min == null).map(chart => chart.series[1].label)"
+    assert browser.evaluate(f"(charts => {undrawn})({charts})") == [], "rx, ry and rz are NaN at first"
     asked = browser.requested()
     assert asked
     assert [address for address in asked if not re.match(rf"(data|blob):|{re.escape(url)}/", address)] == []

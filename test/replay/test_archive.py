@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from waiting import ENOUGH_S, wait_until
 
 from ik_node.cli import replay as command
 from ik_node.errors import MissingPackageError, RecordingError
+from ik_node.recording.mcap.reader import part_files
 from ik_node.replay.archive import table
 from ik_node.replay.archive.bags import FoundBag, find_bags, is_archive
 from ik_node.replay.archive.local_pool import replay_locally
@@ -78,7 +80,7 @@ def test_recordings_are_found_at_any_depth_and_once(fleet: Path) -> None:
 
 
 def test_linked_folders_are_followed_and_loops_end(fleet: Path, tmp_path: Path) -> None:
-    """Days of an archive may be on several disks."""
+    """Days of an archive may be on several disks; a disk that is not there is named."""
     (tmp_path / "disk").mkdir()
     shutil.copytree(fleet / "broken", tmp_path / "disk" / "here")
     (tmp_path / "disk" / "monday").symlink_to(fleet / "monday")
@@ -87,7 +89,7 @@ def test_linked_folders_are_followed_and_loops_end(fleet: Path, tmp_path: Path) 
     (tmp_path / "disk" / "loop").symlink_to(tmp_path)
     (tmp_path / "disk" / "nowhere").symlink_to(tmp_path / "nothing")
     names = [str(Path(bag.name).relative_to(tmp_path)) for bag in find_bags([str(tmp_path)])]
-    assert names == ["disk/here", "disk/monday/arm 1/limit", "disk/tuesday run"]
+    assert names == ["disk/nowhere", "disk/here", "disk/monday/arm 1/limit", "disk/tuesday run"]
 
 
 def test_every_recording_is_a_row_and_a_broken_one_does_not_end_the_others(
@@ -155,6 +157,11 @@ def test_a_call_that_was_ended_continues(fleet: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         replay_archive(bags, QUICK, ended, tmp_path, io.StringIO())
     (kept,) = (tmp_path / "rows").glob("*.json")
+    page = (tmp_path / "index.html").read_text()
+    assert "<h1>1 of 2 recordings</h1>" in page
+    assert "<td>first</td>" in page
+    assert [row["bag"] for row in json.loads((tmp_path / "table.json").read_text())] == ["a"]
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 2
     asked: list[str] = []
 
     def rest(bags: Sequence[FoundBag], task: ReplayTask) -> Iterator[tuple[FoundBag, BagResult]]:
@@ -164,9 +171,84 @@ def test_a_call_that_was_ended_continues(fleet: Path, tmp_path: Path) -> None:
     found = replay_archive(bags, QUICK, rest, tmp_path, io.StringIO())
     assert asked == ["b"]
     assert [row.robot for row in found.rows] == ["first", "second"]
+    assert "<h1>2 recordings</h1>" in (tmp_path / "index.html").read_text()
     kept.write_text(kept.read_text()[:20])
     replay_archive(bags, QUICK, rest, tmp_path, io.StringIO())
     assert asked == ["b", "a"]
+
+
+def test_a_killed_call_leaves_the_tables_of_what_it_had_done(tmp_path: Path) -> None:
+    """They are written at times, not only at the end."""
+    bags = [FoundBag(name, "1") for name in "abcd"]
+    times_s = {"a": 0.5, "b": 12.0, "c": 12.5, "d": 60.0}
+    now_s = 0.0
+    tables: list[list[str]] = []
+
+    def slow(bags: Sequence[FoundBag], task: ReplayTask) -> Iterator[tuple[FoundBag, BagResult]]:
+        nonlocal now_s
+        for bag in bags:
+            now_s = times_s[bag.name]
+            yield bag, BagResult(BagRow(bag.name), "")
+            file = tmp_path / "table.json"
+            tables.append([row["bag"] for row in json.loads(file.read_text())] if file.is_file() else [])
+
+    replay_archive(bags, QUICK, slow, tmp_path, io.StringIO(), lambda: now_s)
+    assert tables == [[], ["a", "b"], ["a", "b"], ["a", "b", "c", "d"]]
+
+
+@pytest.fixture
+def not_root() -> Iterator[Path]:
+    """A folder; its files are accessed with the rights of a user that is not root."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        user = os.geteuid()
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            yield Path(folder)
+        finally:
+            os.seteuid(user)
+
+
+def test_what_cannot_be_read_is_a_row_with_the_reason(fleet: Path, not_root: Path) -> None:
+    user, me = os.geteuid(), os.getuid()
+    os.seteuid(me)  # the owner prepares the folders
+    names = ("not listed", "not entered", "no file", "good")
+    for name in names:
+        shutil.copytree(fleet / "tuesday" / "plain", not_root / name)
+    (not_root / "gone").symlink_to(not_root / "nowhere")
+    (not_root / "not listed").chmod(0o300)
+    (not_root / "not entered").chmod(0o644)
+    (file,) = (not_root / "no file").glob("*.mcap")
+    file.chmod(0)
+    os.seteuid(user)
+    found = {Path(bag.name).name: bag for bag in find_bags([str(not_root)])}
+    assert sorted(found) == sorted((*names, "gone"))
+    rows = {name: replay_bag(bag, QUICK).row for name, bag in found.items()}
+    assert rows["good"].replay == SAME
+    for name in ("not listed", "not entered"):
+        assert rows[name].error == "the folder cannot be read: Permission denied"
+    assert rows["gone"].error == f"a link to '{not_root / 'nowhere'}', which does not exist"
+    assert "Permission denied" in rows["no file"].error
+    assert {rows[name].replay for name in ("not listed", "not entered", "no file", "gone")} == {BROKEN}
+    os.seteuid(me)
+    for path, mode in ((not_root / "not listed", 0o755), (not_root / "not entered", 0o755), (file, 0o644)):
+        path.chmod(mode)
+    os.seteuid(user)
+    again = {Path(bag.name).name: bag for bag in find_bags([str(not_root)])}
+    assert [name for name in found if again[name] == found[name]] == ["gone", "good"], "what was mended is read again"
+
+
+def test_one_folder_that_cannot_be_read_is_an_error(not_root: Path) -> None:
+    closed = not_root / "closed"
+    user = os.geteuid()
+    os.seteuid(os.getuid())
+    closed.mkdir()
+    closed.chmod(0o300)
+    os.seteuid(user)
+    assert not is_archive([str(closed)])
+    with pytest.raises(RecordingError, match=r"closed' cannot be read: Permission denied$"):
+        part_files(closed)
 
 
 def test_what_if_runs_stand_beside_the_recording(fleet: Path) -> None:
@@ -197,7 +279,7 @@ def test_ctrl_c_ends_it_soon_and_without_a_traceback(to_all: bool, tmp_path: Pat
     for number in range(60):
         (tmp_path / "fleet" / f"run {number}").mkdir(parents=True)
         shutil.copy(
-            PROJECT / "bags" / "limit" / "limit_0.mcap", tmp_path / "fleet" / f"run {number}" / f"{number}.mcap"
+            PROJECT / "bags" / "limit" / "limit_0.mcap", tmp_path / "fleet" / f"run {number}" / f"{number}_0.mcap"
         )
     command = [sys.executable, "-m", "ik_node.cli.replay", str(tmp_path / "fleet"), "--jobs", "2", "--no-reports"]
     rows = tmp_path / "ik_replay_table" / "rows"
@@ -212,7 +294,11 @@ def test_ctrl_c_ends_it_soon_and_without_a_traceback(to_all: bool, tmp_path: Pat
             process.wait()
     assert process.returncode == 130, printed
     assert "Traceback" not in printed
-    assert 1 <= len(list(rows.glob("*.json"))) < 30
+    done = len(list(rows.glob("*.json")))
+    assert 1 <= done < 30
+    page = rows.parent / "index.html"
+    assert f"<h1>{done} of 60 recordings</h1>" in page.read_text()
+    assert "the same command continues" in printed.splitlines()[-1]
 
 
 def test_command_line(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -228,10 +228,14 @@ def part_files(path: Path, metadata: Mapping[str, Any] | None = None) -> list[Pa
         return [path]
     if metadata:
         return [inside(path, name) for name in metadata["relative_file_paths"]]
-    found = [(match, file) for file in path.glob("*.mcap") if (match := _PART.search(file.name))]
+    try:
+        found = [(match, file) for file in path.iterdir() if (match := _PART.search(file.name))]
+    except (FileNotFoundError, ValueError):  # ValueError: a NUL byte in the name
+        raise RecordingError(f"'{path}' does not exist") from None
+    except OSError as error:
+        raise RecordingError(f"'{path}' cannot be read: {error.strerror}") from error
     if not found:
-        what = "contains no MCAP file of a recording" if path.is_dir() else "does not exist"
-        raise RecordingError(f"'{path}' {what}")
+        raise RecordingError(f"'{path}' contains no MCAP file of a recording")
     return [inside(path, file.name) for match, file in sorted(found, key=lambda pair: int(pair[0][1]))]
 
 

@@ -25,6 +25,8 @@ class FoundBag(NamedTuple):
     """Path or URL of its folder, or of its file."""
     fingerprint: str
     """Digest of names, sizes and times of its files: another one means another recording."""
+    error: str = ""
+    """Why there is nothing to replay: a folder that cannot be read, or a link to nothing."""
 
 
 def is_url(name: str) -> bool:
@@ -37,11 +39,14 @@ def is_archive(names: Sequence[str]) -> bool:
     if len(names) != 1 or is_url(names[0]):
         return True
     path = Path(names[0])
-    return path.is_dir() and not _is_bag_folder(path) and next(_local_bags(path), None) is not None
+    first = next(_local_bags(path), None) if path.is_dir() else None
+    return first is not None and first.name != str(path)
 
 
 def find_bags(names: Sequence[str]) -> tuple[FoundBag, ...]:
     """All recordings, in the order of the names, then of their paths; each once.
+
+    Folders that cannot be read and links to nothing are among them, with the reason.
 
     Args:
         names: Folders, recordings, files of recordings, or fsspec URLs of these.
@@ -94,16 +99,31 @@ def _local_bags(path: Path) -> Iterator[FoundBag]:
         yield FoundBag(str(path), _fingerprint([path]))
         return
     seen: set[str] = set()
-    for folder, folders, _ in os.walk(path, followlinks=True):
+    unreadable: list[OSError] = []
+    for folder, folders, files in os.walk(path, onerror=unreadable.append, followlinks=True):
         real = os.path.realpath(folder)
         if real in seen:  # linked twice, or a loop
             folders.clear()
             continue
         seen.add(real)
         folders.sort()
-        if _is_bag_folder(Path(folder)):
+        try:
+            if _is_bag_folder(Path(folder)):
+                folders.clear()
+                yield FoundBag(folder, _fingerprint(sorted(Path(folder).iterdir())))
+                continue
+        except OSError as error:
             folders.clear()
-            yield FoundBag(folder, _fingerprint(sorted(Path(folder).iterdir())))
+            yield _unreadable(error, folder)
+            continue
+        for link in (Path(folder) / name for name in sorted(files)):
+            if link.is_symlink() and not link.exists():
+                yield FoundBag(str(link), "", f"a link to '{link.readlink()}', which does not exist")
+    yield from (_unreadable(error) for error in unreadable if not isinstance(error, FileNotFoundError))
+
+
+def _unreadable(error: OSError, folder: str = "") -> FoundBag:
+    return FoundBag(folder or str(error.filename), "", f"the folder cannot be read: {error.strerror}")
 
 
 def _is_bag_folder(folder: Path) -> bool:
@@ -111,7 +131,11 @@ def _is_bag_folder(folder: Path) -> bool:
 
 
 def _fingerprint(files: Sequence[Path]) -> str:
-    known = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files if path.is_file()]
+    known = [
+        (path.name, path.stat().st_size, path.stat().st_mtime_ns, os.access(path, os.R_OK, effective_ids=True))
+        for path in files
+        if path.is_file()
+    ]
     return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 

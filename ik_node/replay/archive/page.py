@@ -39,12 +39,13 @@ document.querySelectorAll("th").forEach((head, column) => head.addEventListener(
 """
 
 
-def as_page(rows: Sequence[BagRow], reports: Sequence[str]) -> str:
+def as_page(rows: Sequence[BagRow], reports: Sequence[str], total: int | None = None) -> str:
     """The content of the file.
 
     Args:
         rows: The table. Texts from recordings are escaped.
         reports: Relative address of the report of each row; empty for none.
+        total: Number of recordings, of which the rows may be a part; default: all.
     """
     runs = tuple(dict.fromkeys(name for row in rows for name in row.what_if))
     heads = [
@@ -56,7 +57,8 @@ def as_page(rows: Sequence[BagRow], reports: Sequence[str]) -> str:
     ]
     lines = "".join(_line(row, report, runs) for row, report in zip(rows, reports, strict=True))
     failed = sum(bool(row.error) for row in rows)
-    summary = f"{len(rows)} recordings" + (f", {failed} with an error" if failed else "")
+    number = f"{len(rows)}" if total in (None, len(rows)) else f"{len(rows)} of {total}"
+    summary = f"{number} recordings" + (f", {failed} with an error" if failed else "")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
         '<meta name="viewport" content="width=device-width, initial-scale=1"/>'

@@ -75,6 +75,8 @@ class BagResult(NamedTuple):
 
 def replay_bag(bag: FoundBag, task: ReplayTask) -> BagResult:
     """Replays and describes one recording; never raises for a recording that cannot be read."""
+    if bag.error:
+        return BagResult(BagRow(bag.name, error=bag.error), "")
     with _one_at_a_time:
         row, html = BagRow(bag.name), ""
         try:

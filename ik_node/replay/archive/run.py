@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -18,11 +18,13 @@ from ik_node.replay.archive.row import BagResult, BagRow, ReplayTask
 
 Distribute = Callable[[Sequence[FoundBag], ReplayTask], Iterator[tuple[FoundBag, BagResult]]]
 """Replays recordings and yields the results as they finish."""
-ROWS, REPORTS = "rows", "reports"
+ROWS, REPORTS, PAGE = "rows", "reports", "index.html"
 ROW_FORMAT = 1
 """Incremented when the fields of a row change, so that kept rows are not read as other ones."""
 LINE_PERIOD_S = 5.0
 """Of the progress where it is not a terminal."""
+TABLE_PERIOD_S = 10.0
+"""Of the tables, so that a call that is killed leaves those of what it had done."""
 
 
 class ArchiveResult(NamedTuple):
@@ -49,7 +51,8 @@ def replay_archive(
     """Replays recordings and writes their table.
 
     Every finished row is kept in the folder. A call that was ended continues where it was; rows are computed again only
-    when the recording, the task or this package changed.
+    when the recording, the task or this package changed. The tables are written at times and at the end, also at that
+    of an interrupted call.
 
     Args:
         bags: The recordings.
@@ -57,7 +60,8 @@ def replay_archive(
         distribute: Where they are replayed.
         folder: Of the tables, reports and kept rows; created when it does not exist.
         output: Where the progress is printed; default: stderr.
-        clock_s: Steady clock for the recordings per minute in the progress; default: they are not printed.
+        clock_s: Steady clock for the recordings per minute in the progress and the times of the tables; default: the
+            former are not printed, and the tables are written at the end only.
 
     Raises:
         RecordingError: The folder cannot be written.
@@ -69,16 +73,25 @@ def replay_archive(
         rows = {bag: row for bag in bags if (row := _kept(folder, keys[bag])) is not None}
         kept = len(rows)
         missing = [bag for bag in bags if bag not in rows]
-        with ArchiveProgress(len(bags), kept, output or sys.stderr, clock_s) as progress:
-            for bag, result in distribute(missing, task) if missing else ():
-                _keep(folder, keys[bag], result)
-                rows[bag] = result.row
-                progress.advance(bool(result.row.error))
-        ordered = tuple(rows[bag] for bag in bags)
-        files, notes = _write_tables(ordered, [keys[bag] for bag in bags], folder)
+        written_s = clock_s() if clock_s else 0.0
+        try:
+            with ArchiveProgress(len(bags), kept, output or sys.stderr, clock_s) as progress:
+                for bag, result in distribute(missing, task) if missing else ():
+                    _keep(folder, keys[bag], result)
+                    rows[bag] = result.row
+                    progress.advance(bool(result.row.error))
+                    if clock_s and clock_s() - written_s >= TABLE_PERIOD_S:
+                        _write_tables(rows, keys, folder)
+                        written_s = clock_s()
+        except KeyboardInterrupt:
+            _write_tables(rows, keys, folder)
+            done = f"{len(rows)} of {len(bags)} recordings are in {folder / PAGE}; the same command continues"
+            print(done, file=output or sys.stderr, flush=True)
+            raise
+        files, notes = _write_tables(rows, keys, folder)
     except OSError as error:
         raise RecordingError(f"'{folder}' cannot be written: {error.strerror or error}") from error
-    return ArchiveResult(ordered, kept, files, notes)
+    return ArchiveResult(tuple(rows[bag] for bag in bags), kept, files, notes)
 
 
 def _key(bag: FoundBag, task: ReplayTask) -> str:
@@ -99,25 +112,39 @@ def _keep(folder: Path, key: str, result: BagResult) -> None:
     """Writes report and row; the row last and at once, because it says that both are there."""
     if result.html:
         (folder / REPORTS / f"{key}.html").write_text(result.html, encoding="utf-8")
-    partial = folder / ROWS / f"{key}.partial"
-    partial.write_text(json.dumps(result.row._asdict(), allow_nan=False), encoding="utf-8")
-    partial.replace(folder / ROWS / f"{key}.json")
+    _replace(folder / ROWS / f"{key}.json", json.dumps(result.row._asdict(), allow_nan=False))
 
 
 def _write_tables(
-    rows: Sequence[BagRow], keys: Sequence[str], folder: Path
+    found: Mapping[FoundBag, BagRow], keys: Mapping[FoundBag, str], folder: Path
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    reports = [f"{REPORTS}/{key}.html" if (folder / REPORTS / f"{key}.html").is_file() else "" for key in keys]
-    texts = {"table.csv": table.as_csv(rows), "table.json": table.as_json(rows), "index.html": as_page(rows, reports)}
+    """Writes the rows that there are, in the order of the recordings; each file is replaced when it is complete."""
+    known = [bag for bag in keys if bag in found]
+    rows = [found[bag] for bag in known]
+    addresses = [f"{REPORTS}/{keys[bag]}.html" for bag in known]
+    reports = [address if (folder / address).is_file() else "" for address in addresses]
+    texts = {
+        "table.csv": table.as_csv(rows),
+        "table.json": table.as_json(rows),
+        PAGE: as_page(rows, reports, len(keys)),
+    }
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        _replace(folder / name, text)
     files, notes = [folder / name for name in texts], []
     try:
-        table.write_parquet(rows, folder / "table.parquet")
+        partial = folder / "table.parquet.partial"
+        table.write_parquet(rows, partial)
+        partial.replace(folder / "table.parquet")
         files.append(folder / "table.parquet")
     except MissingPackageError as error:
         notes.append(f"table.parquet was not written: {error}")
     return tuple(files), tuple(notes)
+
+
+def _replace(path: Path, text: str) -> None:
+    partial = path.with_name(f"{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
 
 
 class ArchiveProgress:

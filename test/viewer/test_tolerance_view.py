@@ -105,7 +105,7 @@ def test_a_band_about_one_axis_is_a_sector_for_each_axis_that_it_turns(
 ) -> None:
     """The tool that is turned so that its axis is on an edge has its rotation at the border of the tolerance."""
     tolerance = TaskTolerance((0.0, 0.0, 0.0, *rotations), frame)
-    drawn(server, tolerance.half_widths, frame)
+    drawn(server, (0.0, 0.0, 0.0, *rotations), frame)
     assert names(server, *(f"sector_r{i}_{k}" for i in "xyz" for k in "xyz")) == shown
     axes = TARGET[:3, :3] if frame == "tool" else np.eye(3)
     for name in shown:

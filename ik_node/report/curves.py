@@ -30,6 +30,8 @@ VELOCITY_AXIS_END = 118.0
 """End of the axis of joint velocities, % of the limit."""
 NULL_SPACE_AXIS_END = 0.01
 """Least end of the axis of the null-space speed, rad/s: rounding errors are not enlarged."""
+NULL_SPEED = 1e-9
+"""Null-space speed, rad/s, that counts as none: that of an arm whose joints the task determines."""
 
 
 def draw_tracking_error(axes: Any, reported_runs: Sequence[ReportedRun], quantity: DisplayedQuantity) -> None:
@@ -198,6 +200,9 @@ def draw_repulsion(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
 def draw_null_space_speed(axes: Any, reported_runs: Sequence[ReportedRun]) -> None:
     """Norm of N qd: the joint velocity that moves no followed component of the tool."""
     axes.set_title(f"{quantities.NULL_SPACE_SPEED.title}: joint velocity that does not move the tool")
+    if not any((reported.metrics.null_space_series.speed > NULL_SPEED).any() for reported in reported_runs):
+        placeholder(axes, "none")
+        return
     for reported in reported_runs:
         series = reported.metrics.null_space_series
         axes.plot(*decimate(series.times_s - reported.zero_s, series.speed), color=reported.colour)

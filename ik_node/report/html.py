@@ -37,7 +37,7 @@ h1 { font-size: 1.7em; margin: 24px 0 4px; } h2 { margin: 36px 0 8px; border-bot
 nav { line-height: 2; } nav a { margin-right: 16px; display: inline-block; }
 a { color: #0072b2; } p { margin: 6px 0; } .faint { color: #667; }
 figure { margin: 12px 0 28px; overflow-x: auto; } figcaption { color: #667; }
-figure img { width: 100%; min-width: 880px; border: 1px solid #e6e8ea; }
+figure img { box-sizing: border-box; width: 100%; min-width: 880px; border: 1px solid #e6e8ea; }
 .verdict { font-size: 1.45em; font-weight: 700; line-height: 1.3; margin: 24px 0 4px; padding-left: 12px;
   border-left: 8px solid; overflow-wrap: anywhere; }
 .done { color: #556; margin: 0 0 12px; } td.what { color: #667; min-width: 180px; }
@@ -53,7 +53,11 @@ td.long { overflow-wrap: anywhere; max-width: 560px; }
 .dot { display: inline-block; width: 11px; height: 11px; border-radius: 50%; margin-right: 6px; }
 .mode-bar { display: flex; height: 16px; margin: 8px 0; border-radius: 3px; overflow: hidden; }
 @media (max-width: 640px) { body { padding: 0 12px 32px; } th, td { padding-right: 10px; } h1 { font-size: 1.2em; }
-  .verdict { font-size: 1.2em; } }
+  .verdict { font-size: 1.2em; }
+  #metrics tr { display: grid; grid-template-columns: minmax(130px, 1fr) repeat(var(--runs), minmax(90px, 1fr)); }
+  #metrics th, #metrics td { border-bottom: 0; white-space: normal; overflow-wrap: anywhere; }
+  #metrics tr { border-bottom: 1px solid #eee; padding: 4px 0; } #metrics th:last-child { display: none; }
+  #metrics td.what { grid-column: 1 / -1; } }
 @media print { .box { max-height: none; overflow: visible; } figure { break-inside: avoid; } }
 """
 MAX_CHARACTERS = 300
@@ -121,7 +125,8 @@ def _metrics(reported_runs: Sequence[ReportedRun]) -> str:
         + f'<td class="what">{html.escape(row.explanation)}</td></tr>'
         for row in metric_rows(reported_runs)
     )
-    return _table(f"{names}<th>meaning</th>", lines)
+    # On a narrow page the meaning is below label and numbers.
+    return f'<div style="--runs: {len(reported_runs)}">{_table(f"{names}<th>meaning</th>", lines)}</div>'
 
 
 def _plots(reported_runs: Sequence[ReportedRun]) -> str:

@@ -25,27 +25,29 @@ from ik_node.report.reported_run import ReportedRun, methods_of, span_of, time_l
 from ik_node.report.style import (
     BLUE,
     GREEN,
+    GREY,
     VERMILION,
     decimate,
     page_heading,
     placeholder,
+    placeholder_text,
     run_legend,
     share_time_axis,
 )
 
 AXIS_COLOURS = (VERMILION, GREEN, BLUE)
 """Of x, y and z."""
+TOP_IN, ROW_IN, BOTTOM_IN, LINE_IN = 0.94, 1.98, 0.6, 0.2
+"""Heights of the parts of the page, in: heading, a row of plots, the time axis, a line of text."""
 
 
 def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
-    """Draws the page: components of the multiplier for one recording, norms for several."""
-    figure = new_figure(13.4)
-    page_heading(figure, "Solver")
-    if len(reported_runs) > 1:
-        run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
-    grid = figure.add_gridspec(6, 2, left=0.05, right=0.985, top=0.93, bottom=0.045, hspace=0.32, wspace=0.1)
-    left = [figure.add_subplot(grid[row, 0]) for row in range(6)]
-    right = [figure.add_subplot(grid[row, 1]) for row in range(6)]
+    """Draws the page: components of the multiplier for one recording, norms for several.
+
+    Quantities without values, or zero throughout, are lines of text at its end.
+    """
+    figure = new_figure(1.0)
+    left, right = ([figure.add_subplot(6, 2, 2 * row + column) for row in range(6)] for column in (1, 2))
     draw_singular_values(left[0], reported_runs)
     draw_scale(left[1], reported_runs)
     draw_clearance(left[2], reported_runs)
@@ -64,9 +66,39 @@ def draw_solver(reported_runs: Sequence[ReportedRun]) -> Any:
         (right[3], wrenches, slice(3, 6), f"{potential}: torque [N m]"),
     ):
         _draw_vectors(axes, reported_runs, [term[:, components] for term in terms], label + frame)
-    for column in (left, right):
+    drawn = _arranged(figure, (left, right))
+    page_heading(figure, "Solver")
+    if len(reported_runs) > 1:
+        run_legend(figure, [(reported.name, reported.colour) for reported in reported_runs])
+    for column in drawn:
         share_time_axis(column, span_of(reported_runs), time_label(reported_runs))
     return figure
+
+
+def _arranged(figure: Any, columns: tuple[list[Any], list[Any]]) -> tuple[list[Any], list[Any]]:
+    """Sets the height of the page and places the axes that have data; writes the title of each other at the end."""
+    drawn: tuple[list[Any], list[Any]] = ([], [])
+    notes = []
+    for column, kept in zip(columns, drawn, strict=True):
+        for axes in column:
+            text = placeholder_text(axes)
+            if text:
+                notes.append(f"{axes.get_title(loc='left')}: {text}")
+                axes.remove()
+            else:
+                kept.append(axes)
+    rows = max(map(len, drawn))
+    end_in = BOTTOM_IN + LINE_IN * len(notes)
+    height_in = TOP_IN + ROW_IN * rows + end_in
+    figure.set_figheight(height_in)
+    place = {"left": 0.05, "right": 0.985, "top": 1.0 - TOP_IN / height_in, "bottom": end_in / height_in}
+    grid = figure.add_gridspec(rows, 2, **place, hspace=0.32, wspace=0.1)
+    for index, kept in enumerate(drawn):
+        for row, axes in enumerate(kept):
+            axes.set_subplotspec(grid[row, index])
+    for line, note in enumerate(notes):
+        figure.text(0.05, (end_in - BOTTOM_IN - LINE_IN * line) / height_in, note, color=GREY, va="top", fontsize=9)
+    return drawn
 
 
 def _draw_vectors(axes: Any, reported_runs: Sequence[ReportedRun], vectors: Sequence[Array], label: str) -> None:
@@ -92,7 +124,7 @@ def _draw_vectors(axes: Any, reported_runs: Sequence[ReportedRun], vectors: Sequ
 def _unit(reported_runs: Sequence[ReportedRun], unit: str) -> str:
     unweighted = [method in UNWEIGHTED for reported in reported_runs for method in methods_of(reported)]
     if all(unweighted):
-        return "(no momentum: not weighted by masses)"
+        return "(not mass-weighted)"
     return f"[{unit}; {', '.join(UNWEIGHTED)}: none]" if any(unweighted) else f"[{unit}]"
 
 

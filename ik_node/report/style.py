@@ -82,6 +82,11 @@ def placeholder(axes: Any, text: str) -> None:
     axes.grid(visible=False)
 
 
+def placeholder_text(axes: Any) -> str:
+    """The text of :func:`placeholder` in these axes; empty for axes with data."""
+    return str(axes.texts[0].get_text()) if axes.texts and not axes.lines else ""
+
+
 def legend_above(axes: Any, columns: int = 3) -> None:
     """Shows the legend on the right, above the plot, beside its title."""
     axes.legend(

@@ -25,6 +25,7 @@ from ik_node.report.atomic_write import WRITERS, check_suffix, write_report
 from ik_node.report.canvas import report_style
 from ik_node.report.html import as_html
 from ik_node.report.reported_run import ReportedRun, names_of, read_reported_runs
+from ik_node.report.solver_page import draw_solver
 from ik_node.report.states_page import draw_states
 from ik_node.report.summary_page import draw_summary
 from ik_node.report.table import as_table, metric_rows
@@ -83,6 +84,30 @@ def test_html_is_one_complete_file(several: tuple[ReportedRun, ...], stopped: Re
     assert verdicts == [verdict(stopped.metrics).text]
     (numbers,) = [section for section in page.iter("section") if section.get("id") == "metrics"]
     assert all("".join(row[-1].itertext()) for row in numbers.iter("tr")), "every number has its meaning"
+
+
+def test_what_is_zero_throughout_is_a_line_of_text_on_the_page_of_the_solver(
+    several: tuple[ReportedRun, ...], stopped: ReportedRun
+) -> None:
+    """No plot is empty, the rows of the others are aligned, and no title is below its legend."""
+    for reported_runs in ((several[0],), (several[1],), (stopped,), several):
+        with report_style():
+            figure = draw_solver(reported_runs)
+            figure.draw_without_rendering()
+        assert all(axes.lines for axes in figure.axes)
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        notes = [text.get_text() for text in figure.texts if text.get_text() != "Solver"]
+        assert len(titles) + len(notes) == 12
+        assert not any(note.startswith(tuple(titles)) for note in notes)
+        lefts = [axes.get_position().x0 for axes in figure.axes]
+        assert len({round(axes.get_position().y0, 6) for axes in figure.axes}) == max(map(lefts.count, lefts))
+        for axes, title in zip(figure.axes, titles, strict=True):
+            if axes.get_legend() is not None:
+                (drawn,) = axes.findobj(lambda artist, title=title: getattr(artist, "get_text", str)() == title)
+                assert drawn.get_window_extent().x1 < axes.get_legend().get_window_extent().x0, title
+    with report_style():
+        notes = [text.get_text() for text in draw_solver((several[0],)).texts]
+    assert "Twist not done, linear [mm/s]: none" in notes
 
 
 def test_timeline_has_every_state_with_its_reason(stopped: ReportedRun) -> None:

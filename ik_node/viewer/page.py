@@ -124,6 +124,7 @@ class ViewerPage:
             self._window.on_update(lambda _: self.request_redraw())
         panel.dock_left()
         panel.set_width(PLOTS_PX)
+        panel.expand()  # in the sheet of a narrow window, too, where it would be folded
 
     def _build_controls(self) -> None:
         gui, playback = self.server.gui, self.playback

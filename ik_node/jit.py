@@ -5,7 +5,8 @@ bits of the interpreter (no sums in another order, no fused operations), many ti
 
 It is compiled at its first call with arguments of new types, which takes seconds; the machine code is stored on disk.
 :func:`ik_node.control.warm_up.warm_up` calls everything that a control step may call, so that nothing is compiled while
-an arm moves. Arrays passed to a compiled function are C-contiguous float64: another memory layout is another type.
+an arm moves; :mod:`ik_node.control.compilation` divides the compilation among processes. Arrays passed to a compiled
+function are C-contiguous float64: another memory layout is another type.
 
 Machine code is stored in a folder whose name is a digest of everything that it depends on: the modules that define
 compiled functions, the records of interfaces/ that these take and return, where the package is installed, Python, numba
@@ -22,11 +23,13 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import fcntl
 import hashlib
 import os
 import shutil
 import sys
 import tempfile
+import zlib
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -48,7 +51,7 @@ MIN_FREE_BYTES = 100_000_000
 """Free disk space below which nothing is stored: a version takes a tenth of it."""
 REPORT_EVERY = 10
 """Functions per report of progress: some seconds."""
-_WARM = "warm"
+_WARM, _LOCKS = "warm", "locks"
 _IMPORT = b"\nfrom ik_node.jit import"
 
 
@@ -116,7 +119,8 @@ def _numba_cache() -> Iterator[bool]:
 def compiled(function: Function) -> Function:
     """``function`` as machine code; division by zero gives inf or NaN, as in NumPy, and indices are not checked."""
     with _numba_cache() as cached:
-        _dispatchers.append(numba.njit(cache=cached, error_model="numpy")(function))
+        compile_it = numba.njit(cache=cached, error_model="numpy", no_cfunc_wrapper=True)  # nothing calls it from C
+        _dispatchers.append(compile_it(function))
     return cast(Function, _dispatchers[-1])
 
 
@@ -128,7 +132,7 @@ def elementwise(function: Function) -> Callable[..., Any]:
 
 
 def is_cold() -> bool:
-    """True until :func:`mark_warm` was called for this version on this machine: compiling all of it takes a minute."""
+    """True until :func:`mark_warm` was called for this version on this machine: compiling it all takes a minute."""
     folder = cache_folder()
     return folder is None or not (folder / _WARM).exists()
 
@@ -150,32 +154,108 @@ def compilation_count() -> int:
     return sum(len(one.signatures) for one in _dispatchers) + sum(len(one.types) for one in _ufuncs)
 
 
-class _CompilationListener(event.Listener):  # type: ignore[misc]
-    """Reports which function numba begins to compile; it has no event for one that is loaded from disk."""
+class CompilationProgress:
+    """Reports how many functions were begun, and which one is, every :data:`REPORT_EVERY` functions."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
+        self._begun = set[str]()
+
+    def begin(self, name: str) -> None:
+        """Called when the compilation of a function begins, in this or in another process; once or more often."""
+        if name not in self._begun:
+            self._begun.add(name)
+            if len(self._begun) % REPORT_EVERY == 1:
+                count = f"{len(self._begun)} of up to {len(_dispatchers)} functions"
+                self._report(f"compiling, once per version: {count}: {name}")
+
+
+class _CompilationListener(event.Listener):  # type: ignore[misc]
+    """Passes the name of each function that numba begins to compile; numba has no event for one that is loaded."""
+
+    def __init__(self, begin: Callable[[str], None]) -> None:
+        self._begin = begin
         self._known = {id(dispatcher) for dispatcher in _dispatchers}
-        self._begun = set[int]()
 
     def on_start(self, event: Any) -> None:
         dispatcher = event.data["dispatcher"]
-        if id(dispatcher) not in self._known:  # a function of numba itself
-            return
-        self._begun.add(id(dispatcher))
-        if len(self._begun) % REPORT_EVERY == 1:
-            function = dispatcher.py_func
-            name = f"{function.__module__.removeprefix('ik_node.')}.{function.__name__}"
-            count = f"{len(self._begun)} of up to {len(self._known)} functions"
-            self._report(f"compiling, once per version: {count}: {name}")
+        if id(dispatcher) in self._known:  # not a function of numba itself
+            self._begin(_name(dispatcher))
 
     def on_end(self, event: Any) -> None:
         """Nothing to report."""
 
 
+def _name(dispatcher: Any) -> str:
+    function = dispatcher.py_func
+    return f"{function.__module__.removeprefix('ik_node.')}.{function.__name__}"
+
+
 @contextlib.contextmanager
-def compilation_reports(report: Callable[[str], None]) -> Iterator[None]:
-    """Passes texts to ``report`` while functions are compiled: how many were, and which one is, every
-    :data:`REPORT_EVERY` functions; none when all of them are loaded from disk."""
-    with event.install_listener("numba:compile", _CompilationListener(report)):
+def compilation_reports(report: Callable[[str], None]) -> Iterator[CompilationProgress]:
+    """Passes texts to ``report`` while functions are compiled; none when all of them are loaded from disk."""
+    progress = CompilationProgress(report)
+    with event.install_listener("numba:compile", _CompilationListener(progress.begin)):
+        yield progress
+
+
+@contextlib.contextmanager
+def shared_compilation(folder: Path, begin: Callable[[str], None]) -> Iterator[None]:
+    """Compiles in this process only what no other process with the same ``folder`` is compiling.
+
+    A function that another process is compiling is interpreted when Python calls it, which gives the same result; a
+    function being compiled waits for it, and then loads it. Locks are held by functions and those that they call,
+    which do not call them back: processes cannot wait for each other in a circle.
+
+    Args:
+        folder: That of :func:`cache_folder`.
+        begin: Receives the name of each function whose compilation begins.
+    """
+    with (folder / _LOCKS).open("w") as file, contextlib.ExitStack() as patches:
+        patches.enter_context(event.install_listener("numba:compile", _CompilationListener(begin)))
+        for dispatcher in _dispatchers:
+            lock = _FunctionLock(file.fileno(), dispatcher)
+            for name, replacement in (("compile", lock.compile), ("_compile_for_args", lock.compile_or_interpret)):
+                setattr(dispatcher, name, replacement)
+                patches.callback(delattr, dispatcher, name)
         yield
+
+
+class _FunctionLock:
+    """One byte of a file, locked by the process that compiles this function; the kernel releases it if that ends."""
+
+    _interpreting = False
+
+    def __init__(self, file: int, dispatcher: Any) -> None:
+        self._file = file
+        self._place = zlib.crc32(_name(dispatcher).encode())
+        self._function = dispatcher.py_func
+        self._compile, self._compile_for_args = dispatcher.compile, dispatcher._compile_for_args
+
+    def compile(self, signature: Any) -> Any:
+        """As numba's method: compiles or loads, and returns the entry point."""
+        fcntl.lockf(self._file, fcntl.LOCK_EX, 1, self._place)
+        try:
+            return self._compile(signature)
+        finally:
+            fcntl.lockf(self._file, fcntl.LOCK_UN, 1, self._place)
+
+    def compile_or_interpret(self, *arguments: Any) -> Callable[..., Any]:
+        """As numba's method: returns what is then called with these arguments."""
+        if _FunctionLock._interpreting:
+            return cast(Callable[..., Any], self._function)
+        try:
+            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, self._place)
+        except (BlockingIOError, PermissionError):
+            return self._interpreted
+        try:
+            return cast(Callable[..., Any], self._compile_for_args(*arguments))  # calls compile
+        finally:
+            fcntl.lockf(self._file, fcntl.LOCK_UN, 1, self._place)
+
+    def _interpreted(self, *arguments: Any) -> Any:
+        _FunctionLock._interpreting = True  # with the functions that it calls, whose arguments have other types here
+        try:
+            return self._function(*arguments)
+        finally:
+            _FunctionLock._interpreting = False

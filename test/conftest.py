@@ -47,10 +47,10 @@ def pytest_configure(config: pytest.Config) -> None:
         if is_cold():
             from loop import make_robot
 
-            from ik_node.control.warm_up import warm_up
+            from ik_node.control.compilation import compile_and_warm_up
             from ik_node.settings.groups import Settings
 
-            warm_up(make_robot("panda"), Settings())
+            compile_and_warm_up(make_robot("panda"), Settings(), print)
     # Default for every process that a test starts without a domain of its own.
     os.environ["ROS_DOMAIN_ID"] = str(_while_this_runs.enter_context(own_domain()))
 

@@ -161,6 +161,64 @@ def test_progress_is_reported_while_something_is_compiled(tmp_path: Path) -> Non
     assert run(code, PROJECT, tmp_path) == ""
 
 
+SHARED = """
+import sys
+from ik_node.jit import cache_folder, compiled, shared_compilation
+
+@compiled
+def inner(number):
+    return number + 1.0
+
+@compiled
+def outer(number):
+    return 2.0 * inner(number)
+
+def begin(name):
+    print("begun", name, flush=True)
+    if sys.argv[1] == "first":
+        sys.stdin.readline()
+
+with shared_compilation(cache_folder(), begin):
+    print("inner", inner(1.0), len(inner.signatures), flush=True)
+    if sys.argv[1] == "second":
+        print("outer", outer(1.0), len(outer.signatures), len(inner.signatures), flush=True)
+"""
+
+
+def start_sharing(program: Path, which: str) -> subprocess.Popen[str]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    environment |= {"PYTHONPATH": str(PROJECT), "NUMBA_CACHE_DIR": str(program.parent)}
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, program, which], env=environment, stdin=pipe, stdout=pipe, text=True)
+
+
+def test_processes_divide_the_functions_among_themselves(tmp_path: Path) -> None:
+    """While the first compiles the inner function, the second interprets it, and then waits for it in the outer one.
+
+    The inner function has no machine code in the second process until that process loads the code of the first.
+    """
+    program = tmp_path / "program.py"
+    program.write_text(SHARED)
+    with start_sharing(program, "first") as first:
+        assert first.stdin is not None
+        assert first.stdout is not None
+        try:
+            assert first.stdout.readline() == "begun __main__.inner\n"
+            with start_sharing(program, "second") as second:
+                assert second.stdout is not None
+                try:
+                    assert second.stdout.readline() == "inner 2.0 0\n"
+                    assert second.stdout.readline() == "begun __main__.outer\n"
+                    first.stdin.write("continue\n")
+                    first.stdin.flush()
+                    assert first.stdout.readline() == "inner 2.0 1\n"
+                    assert second.stdout.readline() == "outer 4.0 1 1\n"
+                finally:
+                    second.kill()
+        finally:
+            first.kill()
+
+
 COPIED = """
 import os, sys
 from pathlib import Path

@@ -38,9 +38,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compile what is not compiled; return 1 when the machine code cannot be stored."""
     options = parser().parse_args(arguments)
-    from ik_node.control.warm_up import warm_up
+    from ik_node.control.compilation import compile_and_warm_up
     from ik_node.errors import IkNodeError
-    from ik_node.jit import cache_folder, compilation_reports
+    from ik_node.jit import cache_folder
     from ik_node.robot.catalogue import load_robot
     from ik_node.settings.groups import Settings
 
@@ -49,8 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("error: the folder of the machine code cannot be written; set NUMBA_CACHE_DIR", file=sys.stderr)
         return 1
     try:
-        with compilation_reports(functools.partial(print, flush=True)):
-            count = warm_up(load_robot(options.robot), Settings())
+        count = compile_and_warm_up(load_robot(options.robot), Settings(), functools.partial(print, flush=True))
     except IkNodeError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -25,7 +25,7 @@ from ik_node.interfaces.samples import (
     TrajectorySample,
     TwistSample,
 )
-from ik_node.jit import compilation_count, mark_warm
+from ik_node.jit import compilation_count
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.robot.robot import Robot
@@ -82,7 +82,6 @@ def warm_up(robot: Robot, settings: Settings) -> int:
     run.jog()
     run.jump()
     run.singular_start()
-    mark_warm()
     return compilation_count() - count
 
 

@@ -18,14 +18,13 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from ik_node.control.compilation import compile_and_warm_up
 from ik_node.control.controller import Controller
 from ik_node.control.joint_states import CONTRADICTION
-from ik_node.control.warm_up import warm_up
 from ik_node.errors import IkNodeError, InputError, RecordingError, SettingsError
 from ik_node.interfaces.clock import NS, Instant
 from ik_node.interfaces.delivery import CLOCK_PERIOD_S
 from ik_node.interfaces.step import Level, Mode, Status, Step
-from ik_node.jit import compilation_reports
 from ik_node.messages.encode import Outgoing
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.input_table import INPUTS, Input
@@ -129,8 +128,7 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
 
     def _warm_up(self, robot: Robot, settings: Settings) -> None:
         start_s = time.monotonic()
-        with compilation_reports(self.get_logger().info):
-            warm_up(robot, settings)
+        compile_and_warm_up(robot, settings, self.get_logger().info)
         gc.unfreeze()
         gc.collect()
         gc.freeze()  # a full collection of what was loaded and compiled would hold up the commands for 0.1 s

@@ -11,10 +11,10 @@ from shutil import which
 
 import numpy as np
 
-from ik_node.control.warm_up import warm_up
+from ik_node.control.compilation import compile_and_warm_up
 from ik_node.interfaces.motion import Trajectory
 from ik_node.inverse_kinematics.pose_solver import PoseSolver
-from ik_node.jit import compilation_reports, is_cold
+from ik_node.jit import is_cold
 from ik_node.math.task_tolerance import TaskTolerance
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
@@ -103,8 +103,7 @@ def reachable(run: CheckedRun, trajectory: Trajectory) -> Trajectory:
 def compile_functions(robot: Robot) -> None:
     """Compile the functions of the control step, with progress, unless that was done before."""
     if is_cold():
-        with compilation_reports(functools.partial(print, flush=True)):
-            warm_up(robot, Settings())
+        compile_and_warm_up(robot, Settings(), functools.partial(print, flush=True))
 
 
 def write_report(out: Path, truth: GroundTruth, options: DemoOptions) -> None:

@@ -29,6 +29,9 @@ PERMANENT_CONTACT = 0.95
 CLOSE_M = 0.03
 """Pairs that never exceed this distance are neighbours; their simplified solids do not resolve contact."""
 
+REMEMBERED = 16
+"""Robots of which the sampled distances are kept: a process makes several controllers of one arm, also to warm up."""
+
 
 class Link(NamedTuple):
     """One convex solid."""
@@ -84,7 +87,7 @@ def select_pairs(
     possible = [(a, b) for a, b in combinations(range(len(links)), 2) if links[a].parent != links[b].parent]
     disabled = {pair for pair in disabled_pairs(srdf, names) if pair <= names} if srdf else set()
     open_pairs = [(a, b) for a, b in possible if frozenset((links[a].name, links[b].name)) not in disabled]
-    distances = dict(zip(open_pairs, sampled_distances(robot, links, open_pairs).T, strict=True))
+    distances = dict(zip(open_pairs, _remembered_distances(robot, links, open_pairs).T, strict=True))
     result = []
     for a, b in possible:
         first, second = links[a].name, links[b].name
@@ -136,6 +139,24 @@ def _judge(distances: Array) -> tuple[bool, str]:
     if farthest <= CLOSE_M:
         return False, f"distance never exceeds {farthest * 1e3:.0f} mm"
     return True, f"in collision in {touching:.1%} of the samples"
+
+
+_sampled: dict[tuple[Any, ...], Array] = {}
+
+
+def _remembered_distances(robot: Robot, links: tuple[Link, ...], pairs: list[tuple[int, int]]) -> Array:
+    """:func:`sampled_distances`, computed once per process for the same robot with the same solids."""
+    solids = [(link.name, link.parent, type(link.solid), link.points.tobytes(), _pose_bytes(link)) for link in links]
+    key = (robot.urdf, robot.base_frame, robot.tip_frame, robot.joints, tuple(pairs), tuple(solids))
+    if key not in _sampled:
+        while len(_sampled) >= REMEMBERED:
+            _sampled.pop(next(iter(_sampled)))
+        _sampled[key] = sampled_distances(robot, links, pairs)
+    return _sampled[key]
+
+
+def _pose_bytes(link: Link) -> bytes:
+    return np.asarray(link.placement.homogeneous).tobytes()
 
 
 def sampled_distances(robot: Robot, links: tuple[Link, ...], pairs: list[tuple[int, int]]) -> Array:

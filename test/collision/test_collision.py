@@ -18,7 +18,7 @@ from arms import ball_arm, random_position
 from loop import make_robot
 from stopping import LIMITS, pairs_that_must_stop
 
-from ik_node.collision import bounding_capsule
+from ik_node.collision import bounding_capsule, pair_selection
 from ik_node.collision import geometry as collision_geometry
 from ik_node.collision.convex_distances import ConvexDistances
 from ik_node.collision.distance_bounds import MOST_COMPUTED, Limits
@@ -336,9 +336,22 @@ def test_pairs_are_selected_with_a_reason() -> None:
     assert collision_geometry.load(robot, srdf=silent).pairs == collision_geometry.load(robot).pairs, (
         "it does not mention pairs"
     )
-    assert collision_geometry.load(robot).pairs == collision_geometry.load(robot).pairs  # Deterministic.
+    links, some = collision_geometry.load(robot).links, [(0, 3), (1, 5), (2, 7)]
+    first, second = (pair_selection.sampled_distances(robot, links, some) for _ in range(2))
+    assert np.array_equal(first, second)  # Deterministic.
     with pytest.raises(UnknownNameError, match="nonsense"):
         collision_geometry.load(robot, ignored=("nonsense:arm_left_7_link",))
+
+
+def test_the_samples_of_a_robot_are_not_taken_for_another_one() -> None:
+    """They are computed once per process for the same solids, frames and joints."""
+    near, far = ball_arm(), ball_arm(base_offset="0.4 -0.2 0.7")
+    wide = Robot(near.urdf.replace('radius="0.05"', 'radius="0.25"'), near.base_frame, near.tip_frame)
+    found = [collision_geometry.load(robot).pairs for robot in (near, wide, far, near, ball_arm())]
+    assert found[0] != found[1]
+    assert found[0] == found[3] == found[4]
+    hull, capsule = (collision_geometry.load(make_robot("panda"), kind) for kind in collision_geometry.SIMPLIFICATIONS)
+    assert hull.pairs != capsule.pairs, "the reasons state how often each pair is in collision"
 
 
 def test_missing_meshes_are_reported() -> None:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from ik_node.cli import ros_arguments
-from ik_node.cli.entry import command_line
+from ik_node.cli.entry import command_line, imports
 
 EPILOG = """\
 subscribed topics (~ is the name of the node):
@@ -55,8 +55,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until a signal; return the exit code."""
     ros_arguments.parse(parser(), arguments)
-    from ik_node.ros.node import IkNode
-    from ik_node.ros.spin import run
+    with imports():
+        from ik_node.ros.node import IkNode
+        from ik_node.ros.spin import run
 
     return run(lambda: IkNode(arguments), IkNode.finish, arguments)
 

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from ik_node.cli import ros_arguments
-from ik_node.cli.entry import command_line
+from ik_node.cli.entry import command_line, imports
 
 EPILOG = """\
 topics (in the namespace of the simulator):
@@ -51,8 +51,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the simulated robot until a signal; return the exit code."""
     ros_arguments.parse(parser(), arguments)
-    from ik_node.ros.simulator_node import SimulatorNode
-    from ik_node.ros.spin import run
+    with imports():
+        from ik_node.ros.simulator_node import SimulatorNode
+        from ik_node.ros.spin import run
 
     return run(lambda: SimulatorNode(arguments), SimulatorNode.finish, arguments)
 

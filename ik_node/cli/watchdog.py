@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from ik_node.cli import ros_arguments
-from ik_node.cli.entry import command_line
+from ik_node.cli.entry import command_line, imports
 
 EPILOG = """\
 topics (in the namespace of the watchdog):
@@ -40,8 +40,9 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the watchdog until a signal; return the exit code."""
     ros_arguments.parse(parser(), arguments)
-    from ik_node.ros.spin import run
-    from ik_node.ros.watchdog_node import WatchdogNode
+    with imports():
+        from ik_node.ros.spin import run
+        from ik_node.ros.watchdog_node import WatchdogNode
 
     return run(lambda: WatchdogNode(arguments), WatchdogNode.finish, arguments)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmark_runs import benchmark
+from benchmark_runs import benchmark, started_benchmark
 from recorded_loop import finish, recorded_loop
 
 from ik_node.settings.method_names import METHOD_NAMES
@@ -15,7 +15,7 @@ from ik_node.trajectory.shapes import figure_of_eight
 def test_the_cost_of_recording_is_measured_in_turns() -> None:
     """Without recording, with the thread, with a process: the figures are plausible."""
     arguments = ("recording", "--only", "cost", "--rate", "200", "--seconds", "0.3", "--rounds", "2")
-    found = benchmark(*arguments, "--json").document()["cost"]
+    found = started_benchmark(*arguments, "--json").document()["cost"]
     assert [part["mode"] for part in found] == ["off", "thread", "process"]
     for part in found:
         assert 0.0 < part["tick_us"][0] <= part["cycle_us"][0] <= part["cycle_us"][-1]
@@ -28,7 +28,7 @@ def test_the_cost_of_recording_is_measured_in_turns() -> None:
 def test_a_kill_is_measured_on_the_real_node() -> None:
     """The loss depends on the machine; the rest of the recording is complete and replays."""
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
-    found = benchmark("recording", "--only", "kills", "--kills", "1", "--json").document()["kills"]
+    found = started_benchmark("recording", "--only", "kills", "--kills", "1", "--json").document()["kills"]
     assert found["kills"] == found["whole_after"] == 1
     assert found["worst_s"] == found["median_s"] > 0.0
 

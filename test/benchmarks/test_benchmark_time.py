@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from benchmark_runs import benchmark
+from benchmark_runs import benchmark, started_benchmark
 
 
 def test_steps_agree_with_their_task_and_the_parts_add_up(tmp_path: Path) -> None:
@@ -27,7 +27,7 @@ def test_steps_agree_with_their_task_and_the_parts_add_up(tmp_path: Path) -> Non
 
 
 def test_the_time_of_an_arm_is_printed_for_several() -> None:
-    ran = benchmark("scale", "--steps", "30", "--arms", "2")
+    ran = started_benchmark("scale", "--steps", "30", "--arms", "2")
     assert "a process each" in ran.out
     assert ran.out.splitlines()[2].split()[0] == "2"
 
@@ -36,7 +36,7 @@ def test_the_time_of_an_arm_is_printed_for_several() -> None:
 def test_every_joint_state_is_answered(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
     file = tmp_path / "latency.json"
-    benchmark("latency", "--rates", "50", "--seconds", "4", "--json", str(file))
+    started_benchmark("latency", "--rates", "50", "--seconds", "4", "--json", str(file))
     rows = json.loads(file.read_text())["rows"]
     assert [row["candidate"] for row in rows] == ["echo", "node", "node, recording"]
     for row in rows:

@@ -26,6 +26,7 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
+from warm_nodes import start_node  # noqa: E402
 
 from ik_node.ros import qos  # noqa: E402
 from ik_node.ros.child_process import NodeProcess  # noqa: E402
@@ -63,7 +64,7 @@ class Peer:
         """Start an executable of the package in this domain; it is stopped when the test ends."""
         environment = {"ROS_DOMAIN_ID": str(self.domain)}
         log = folder / f"{executable}_{len(self.processes)}.log"
-        process = NodeProcess(f"ik_node.cli.{executable}", arguments, environment, log)
+        process = start_node(f"ik_node.cli.{executable}", arguments, environment, log)
         self.processes.append(process)
         return process
 

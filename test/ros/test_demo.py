@@ -261,7 +261,7 @@ def test_the_beginning_of_a_real_hand_s_demonstration_is_followed(tmp_path: Path
     """A file of poses, at its own times, after an approach to its first pose."""
     whole = np.load(shared_path("data", "robottasks", "openbox.npy"))
     path, out = tmp_path / "openbox.npy", tmp_path / "box"
-    np.save(path, whole[:, :200])
+    np.save(path, whole[:, :100])
     _, said = demo(out, "--trajectory", str(path), "--units", "cm", "--order", "wxyz")
     assert_safe(out)
     assert_follows(out, 2.0, np.inf)

@@ -46,7 +46,7 @@ def answered_requests() -> dict[str, Any] | None:
 def become(request: dict[str, Any]) -> None:
     """Make this process what ``python -m module arguments`` with its output in the log is."""
     os.setsid()
-    log = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    log = os.open(request["log"], os.O_WRONLY | os.O_APPEND)
     silent = os.open(os.devnull, os.O_RDONLY)
     for descriptor, number in ((silent, 0), (log, 1), (log, 2)):
         os.dup2(descriptor, number)

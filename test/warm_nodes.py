@@ -94,6 +94,7 @@ class WarmNode(NodeProcess):
 
     def __init__(self, module: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> None:
         self.module, self.log = module, log
+        log.write_bytes(b"")  # a test may read it before the node has started
         server = _server()
         request = {
             "module": module,

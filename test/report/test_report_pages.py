@@ -41,6 +41,11 @@ def several() -> tuple[ReportedRun, ...]:
 
 
 @pytest.fixture(scope="module")
+def page_of_several(several: tuple[ReportedRun, ...]) -> str:
+    return as_html(several)
+
+
+@pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> ReportedRun:
     """A run that is paused with a reason that contains markup."""
     directory = tmp_path_factory.mktemp("run") / "bag"
@@ -58,10 +63,11 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> ReportedRun:
     return read_reported_runs([directory])[0]
 
 
-def test_html_is_one_complete_file(several: tuple[ReportedRun, ...], stopped: ReportedRun) -> None:
+def test_html_is_one_complete_file(
+    several: tuple[ReportedRun, ...], page_of_several: str, stopped: ReportedRun
+) -> None:
     """Well-formed, with every section and page; no script, no external resource; recorded texts are escaped."""
-    for reported_runs in (several, (stopped,)):
-        text = as_html(reported_runs)
+    for reported_runs, text in ((several, page_of_several), ((stopped,), as_html((stopped,)))):
         page = ET.fromstring(text.split("\n", 1)[1])
         assert [section.get("id") for section in page.iter("section")] == [
             "plots",
@@ -121,16 +127,15 @@ def test_timeline_has_every_state_with_its_reason(stopped: ReportedRun) -> None:
         assert first.begin_s + first.duration_s == pytest.approx(second.begin_s)
 
 
-def test_slowed_and_given_up_times_are_marked(several: tuple[ReportedRun, ...]) -> None:
+def test_slowed_and_given_up_times_are_marked(several: tuple[ReportedRun, ...], page_of_several: str) -> None:
     plain, limit, singularity = map(condition_spans, several)
     assert (plain.slowed, plain.given_up) == ([], [])
     slowed = sum(duration for _, duration in limit.slowed)
     assert slowed == pytest.approx(several[1].metrics.scaling.slowed_s, abs=0.02)
     given_up = sum(duration for _, duration in singularity.given_up)
     assert given_up == pytest.approx(several[2].metrics.singularity.truncated_s, abs=0.02)
-    text = as_html(several)
-    assert "direction given up" in text
-    assert 'class="conditions"' in text
+    assert "direction given up" in page_of_several
+    assert 'class="conditions"' in page_of_several
 
 
 def timing_plots(reported_runs: Sequence[ReportedRun]) -> dict[str, Any]:

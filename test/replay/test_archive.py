@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import json
 import multiprocessing
@@ -13,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -261,6 +264,16 @@ def test_what_if_runs_stand_beside_the_recording(fleet: Path) -> None:
     assert "what if gravity_gradient: " in table.as_text([row])
 
 
+def test_results_are_not_kept_after_they_were_used(fleet: Path) -> None:
+    """A report has some MB, an archive thousands of them."""
+    used: set[str] = set()
+    for bag, _ in replay_locally(find_bags([str(fleet)]), QUICK, jobs=1):
+        kept = {future.result().row.bag for future in gc.get_objects() if isinstance(future, Future) and future.done()}
+        assert not kept & used
+        used.add(bag.name)
+    assert len(used) == 3
+
+
 def test_a_killed_process_does_not_lose_its_recordings(fleet: Path) -> None:
     """All processes of the pool are killed after the first result; the rest is replayed one by one."""
     bags = find_bags([str(fleet)])
@@ -273,32 +286,58 @@ def test_a_killed_process_does_not_lose_its_recordings(fleet: Path) -> None:
     assert found == {"broken": BROKEN, "limit": SAME, "plain": SAME}
 
 
-@pytest.mark.parametrize("to_all", [True, False], ids=["of a terminal", "to the command alone"])
-def test_ctrl_c_ends_it_soon_and_without_a_traceback(to_all: bool, tmp_path: Path) -> None:
-    """Only what is being replayed is waited for, not the rest of the archive."""
+@contextmanager
+def started(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """The command on many recordings, in a session of its own, after its first row."""
     for number in range(60):
-        (tmp_path / "fleet" / f"run {number}").mkdir(parents=True)
+        (folder / "fleet" / f"run {number}").mkdir(parents=True)
         shutil.copy(
-            PROJECT / "bags" / "limit" / "limit_0.mcap", tmp_path / "fleet" / f"run {number}" / f"{number}_0.mcap"
+            PROJECT / "bags" / "limit" / "limit_0.mcap", folder / "fleet" / f"run {number}" / f"{number}_0.mcap"
         )
-    command = [sys.executable, "-m", "ik_node.cli.replay", str(tmp_path / "fleet"), "--jobs", "2", "--no-reports"]
-    rows = tmp_path / "ik_replay_table" / "rows"
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    command = [sys.executable, "-m", "ik_node.cli.replay", str(folder / "fleet"), "--jobs", "2", "--no-reports"]
+    rows = folder / "ik_replay_table" / "rows"
+    process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
         wait_until(lambda: any(rows.glob("*.json")) or process.poll() is not None)
-        (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
-        _, printed = process.communicate(timeout=ENOUGH_S)
+        yield process
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+@pytest.mark.parametrize("to_all", [True, False], ids=["of a terminal", "to the command alone"])
+def test_ctrl_c_ends_it_soon_and_without_a_traceback(to_all: bool, tmp_path: Path) -> None:
+    """Only what is being replayed is waited for, not the rest of the archive."""
+    with started(tmp_path) as process:
+        (os.killpg if to_all else os.kill)(process.pid, signal.SIGINT)
+        _, printed = process.communicate(timeout=ENOUGH_S)
     assert process.returncode == 130, printed
     assert "Traceback" not in printed
-    done = len(list(rows.glob("*.json")))
+    done = len(list((tmp_path / "ik_replay_table" / "rows").glob("*.json")))
     assert 1 <= done < 30
-    page = rows.parent / "index.html"
-    assert f"<h1>{done} of 60 recordings</h1>" in page.read_text()
+    assert f"<h1>{done} of 60 recordings</h1>" in (tmp_path / "ik_replay_table" / "index.html").read_text()
     assert "the same command continues" in printed.splitlines()[-1]
+
+
+def test_its_processes_end_with_it(tmp_path: Path) -> None:
+    """Also when it is killed: a process that replays takes 1 GB."""
+    with started(tmp_path) as process:
+        process.kill()
+        process.communicate(timeout=ENOUGH_S)
+
+        def is_gone() -> bool:
+            try:
+                os.killpg(process.pid, 0)
+            except ProcessLookupError:
+                return True
+            return False
+
+        try:
+            wait_until(is_gone)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
 
 
 def test_command_line(fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

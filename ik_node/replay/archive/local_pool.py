@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
+from threading import Thread
 
 from ik_node.replay.archive.bags import FoundBag
 from ik_node.replay.archive.row import BagResult, BagRow, ReplayTask, replay_bag
@@ -41,17 +44,28 @@ def replay_locally(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Ite
 def _in_one_pool(bags: Sequence[FoundBag], task: ReplayTask, jobs: int) -> Iterator[tuple[FoundBag, BagResult]]:
     # Not forked: BLAS and viewers of the parent may have threads.
     workers = max(1, min(jobs, len(bags)))
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_at_ctrl_c)
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_with_parent)
     try:
         futures = {pool.submit(replay_bag, bag, task): bag for bag in bags}
         for future in as_completed(futures):
-            yield futures[future], future.result()
+            yield futures.pop(future), future.result()  # not kept: it has the report
     finally:
         # Not as a context: its end would revoke the cancellation, and the whole archive would be replayed.
         pool.shutdown(cancel_futures=True)
 
 
-def _end_at_ctrl_c() -> None:
-    """Ctrl-C in a terminal reaches the workers, too: they end without a traceback, and the parent ends the rest."""
+def _end_with_parent() -> None:
+    """Ctrl-C in a terminal reaches the workers, too: they end without a traceback, and the parent ends the rest.
+
+    A worker of a parent that was killed would wait for its next recording for ever.
+    """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # ignored behind `nohup ... &`, as by the parent
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_wait_for_end, args=(parent,), daemon=True).start()
+
+
+def _wait_for_end(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)

@@ -10,13 +10,17 @@ Needs Python 3.10 to 3.13 and nothing else. With a real ROS 2 Jazzy use colcon i
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
+from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
@@ -24,9 +28,23 @@ BIN = VENV / "bin"
 SUPPORTED = ((3, 10), (3, 13))
 RUNTIME = ROOT / "requirements.txt"
 TESTS = ROOT / "requirements-test.txt"
-CMEEL = "lib/*/site-packages/cmeel.prefix"
-ONLY_FOR_BUILDS = ("include", f"{CMEEL}/include", f"{CMEEL}/share/cmake")
-"""C++ headers and CMake files of the wheels in .venv, 200 MB that nothing reads at run time."""
+COMPILED = ("daqp", "numba", "numpy", "pin", "PyYAML", "scipy")
+"""What the control step is compiled with; installed first, so that it is compiled while the rest is installed."""
+SITE = "lib/*/site-packages"
+CMEEL = f"{SITE}/cmeel.prefix"
+NOT_RUN = (
+    *("include", f"{CMEEL}/include", f"{CMEEL}/share/cmake", f"{CMEEL}/share/doc", f"{CMEEL}/lib*/*.a"),
+    *(f"{SITE}/{package}/**/tests" for package in ("matplotlib", "numba", "numpy", "scipy")),
+)
+"""C++ headers, CMake files, static libraries and tests in the wheels, 240 MB that nothing reads at run time."""
+WITH_SYMBOLS = (
+    *(f"{CMEEL}/lib/*.so.*", f"{CMEEL}/{SITE}/*/*.so", f"{SITE}/llvmlite/binding/*.so"),
+    *(f"{SITE}/{name}*.so" for name in ("daqp", "fontTools/**/", "kiwisolver/", "lz4/**/", "yaml/", "zstandard/")),
+)
+"""Libraries with 90 MB of symbols for debuggers, which ``strip`` removes, where there is one. Those of wheels with
+libraries from elsewhere (``*.libs``) are left alone: patchelf changed them."""
+MESHES = ("stl", "dae", "obj")
+MIN_LINKED_BYTES = 65536
 ROS_WHEEL_VARIABLES = ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME")
 """Left behind by another environment's Python, these would keep ours from finding its own libraries."""
 
@@ -76,12 +94,74 @@ def set_up(requirements: list[Path]) -> None:
     # Bytecode is compiled when a module is first imported: of most modules it never is.
     pip = [str(BIN / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"]
     lists = [part for path in requirements for part in ("-r", str(path))]
-    subprocess.run([*pip, *lists], check=True, env=environment())
-    subprocess.run([*pip, "--no-deps", "--editable", str(ROOT)], check=True, env=environment())
-    for pattern in ONLY_FOR_BUILDS:
-        for folder in VENV.glob(pattern):
-            shutil.rmtree(folder)
+    subprocess.run([*pip, "-c", str(RUNTIME), *COMPILED], check=True, env=environment())
+    with compiling():
+        subprocess.run([*pip, *lists], check=True, env=environment())
+        subprocess.run([*pip, "--no-deps", "--editable", str(ROOT)], check=True, env=environment())
+        make_small(VENV)
     stamp.write_text(digest)
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Compiles the control step meanwhile, and afterwards: an executable that compiles it, too, does the rest."""
+    quiet = subprocess.DEVNULL
+    command = [str(BIN / "python"), "-m", "ik_node.control.compilation"]
+    process = subprocess.Popen(command, cwd=ROOT, env=environment(), stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
+
+
+def make_small(prefix: Path) -> None:
+    """Removes from an environment what is not read at run time; identical files become links, which wheels do not have.
+
+    Each step can be repeated, and replaces no file in place: a process may be using it.
+    """
+    for path in [path for pattern in NOT_RUN for path in prefix.glob(pattern)]:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    for robots in prefix.glob(f"{CMEEL}/share/example-robot-data/robots"):
+        for path in unnamed_meshes(robots):
+            path.unlink()
+    if strip := shutil.which("strip"):
+        for path in [path for pattern in WITH_SYMBOLS for path in prefix.glob(pattern)]:
+            smaller = path.with_name(f"{path.name}.small")
+            if not path.is_symlink() and not subprocess.run([strip, "-o", smaller, path], check=False).returncode:
+                smaller.replace(path)
+    with contextlib.suppress(OSError):  # a file system without links
+        link_identical_files(prefix)
+
+
+def unnamed_meshes(folder: Path) -> list[Path]:
+    """Meshes whose names occur in no description (URDF, SRDF, Xacro, ...) of the folder."""
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    meshes = [path for path in paths if path.suffix.lower()[1:] in MESHES]
+    pictures = (".jpg", ".png")
+    texts = (path.read_text(errors="replace") for path in paths if path not in meshes and path.suffix not in pictures)
+    pattern = re.compile(rf"[^/\"'<>=\n]+\.(?:{'|'.join(MESHES)})", re.IGNORECASE)
+    named = {unquote(name).lower() for text in texts for name in pattern.findall(text)}
+    return [path for path in meshes if path.name.lower() not in named]
+
+
+def link_identical_files(folder: Path) -> None:
+    """Replaces all but one of identical files by hard links."""
+    first: dict[tuple[int, int, str], Path] = {}
+    for path in sorted(folder.rglob("*")):
+        status = path.lstat()
+        if path.is_symlink() or not path.is_file() or status.st_size < MIN_LINKED_BYTES:
+            continue
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        one = first.setdefault((status.st_dev, status.st_mode, digest), path)
+        if not one.samefile(path):
+            link = path.with_name(f"{path.name}.link")
+            link.unlink(missing_ok=True)
+            os.link(one, link)
+            link.replace(path)
 
 
 def become(*command: str, python_path: Path | None = None) -> NoReturn:

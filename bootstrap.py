@@ -33,15 +33,19 @@ COMPILED = ("daqp", "numba", "numpy", "pin", "PyYAML", "scipy")
 SITE = "lib/*/site-packages"
 CMEEL = f"{SITE}/cmeel.prefix"
 NOT_RUN = (
-    *("include", f"{CMEEL}/include", f"{CMEEL}/share/cmake", f"{CMEEL}/share/doc", f"{CMEEL}/lib*/*.a"),
+    *("include", f"{CMEEL}/bin", f"{CMEEL}/include", f"{CMEEL}/share/cmake", f"{CMEEL}/share/doc", f"{CMEEL}/lib*/*.a"),
+    *(f"{SITE}/fontTools/**/*.c", f"{SITE}/pip/**/__pycache__", f"{SITE}/setuptools/**/__pycache__"),
     *(f"{SITE}/{package}/**/tests" for package in ("matplotlib", "numba", "numpy", "scipy")),
 )
-"""C++ headers, CMake files, static libraries and tests in the wheels, 240 MB that nothing reads at run time."""
+"""Sources, CMake files, programs and static libraries of C++ packages, and tests: 260 MB that nothing reads."""
 WITH_SYMBOLS = (
     *(f"{CMEEL}/lib/*.so.*", f"{CMEEL}/{SITE}/*/*.so", f"{SITE}/llvmlite/binding/*.so"),
-    *(f"{SITE}/{name}*.so" for name in ("daqp", "fontTools/**/", "kiwisolver/", "lz4/**/", "yaml/", "zstandard/")),
+    *(
+        f"{SITE}/{name}*.so"
+        for name in ("apsw/", "daqp", "fontTools/**/", "kiwisolver/", "lz4/**/", "matplotlib/", "yaml/", "zstandard/")
+    ),
 )
-"""Libraries with 90 MB of symbols for debuggers, which ``strip`` removes, where there is one. Those of wheels with
+"""Libraries with 85 MB of symbols for debuggers, which ``strip`` removes, where there is one. Those of wheels with
 libraries from elsewhere (``*.libs``) are left alone: patchelf changed them."""
 MESHES = ("stl", "dae", "obj")
 MIN_LINKED_BYTES = 65536
@@ -122,7 +126,7 @@ def make_small(prefix: Path) -> None:
     """
     for path in [path for pattern in NOT_RUN for path in prefix.glob(pattern)]:
         if path.is_dir():
-            shutil.rmtree(path)
+            shutil.rmtree(path, ignore_errors=True)  # also within a folder that was removed
         else:
             path.unlink(missing_ok=True)
     for robots in prefix.glob(f"{CMEEL}/share/example-robot-data/robots"):
@@ -131,7 +135,10 @@ def make_small(prefix: Path) -> None:
     if strip := shutil.which("strip"):
         for path in [path for pattern in WITH_SYMBOLS for path in prefix.glob(pattern)]:
             smaller = path.with_name(f"{path.name}.small")
-            if not path.is_symlink() and not subprocess.run([strip, "-o", smaller, path], check=False).returncode:
+            if path.is_symlink():
+                continue
+            done = subprocess.run([strip, "-o", smaller, path], stderr=subprocess.DEVNULL, check=False)
+            if done.returncode == 0:
                 smaller.replace(path)
     with contextlib.suppress(OSError):  # a file system without links
         link_identical_files(prefix)

@@ -187,7 +187,7 @@ def test_table_compares_several_recordings(several: tuple[ReportedRun, ...]) -> 
 def test_every_format_is_written_for_one_and_for_several(
     several: tuple[ReportedRun, ...], stopped: ReportedRun, tmp_path: Path, ending: str
 ) -> None:
-    for name, reported_runs in (("one", (stopped,)), ("several", several)):
+    for name, reported_runs in (("one", (stopped,)), ("several", several[:2])):
         path = tmp_path / f"{name}{ending}"
         write_report(reported_runs, path)
         data = path.read_bytes()

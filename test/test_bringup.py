@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 
 import pytest
 import yaml
@@ -64,6 +65,26 @@ def test_every_command_publishes_where_the_controller_listens() -> None:
     assert len(topics) == 5
     assert set(topics) == {f"/{CONTROLLER}/commands"}
     assert set(re.findall(r"\$BRINGUP/([\w.]+)", DOC)) <= {path.name for path in BRINGUP.iterdir()}
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_lines_of_a_driver_have_its_files_and_topics(driver: str) -> None:
+    """Node and watchdog publish on one topic; the node subscribes to the joint states of the table."""
+    (block,) = [text for text in re.findall(r"```sh\n(.*?)```", DOC, re.S) if f"{driver}_ik_node.yaml" in text]
+    lines = [shlex.split(line) for line in block.replace("\\\n", " ").splitlines()]
+    files = {word.rpartition("=")[2] for line in lines for word in line if "$BRINGUP/" in word}
+    assert files <= {f"$BRINGUP/{driver}_{kind}.yaml" for kind in ("controllers", "ik_node")}
+    assert [name for line in lines for name in (CONTROLLER,) if name in line] == [CONTROLLER], "it is started once"
+    remapped = [dict(word.split(":=") for word in line if ":=" in word) for line in lines if "ik_node" in line]
+    topics = {
+        kept.pop(name)
+        for kept in remapped
+        for name in ("~/commands", "ik_node/commands", "command_topic")
+        if name in kept
+    }
+    assert topics == {f"/{CONTROLLER}/commands"}
+    states = row(driver)[2].split("`")[1]
+    assert remapped[-1].get("joint_states", "joint_states") == states
 
 
 def test_the_files_are_installed() -> None:

@@ -14,6 +14,8 @@ from functools import cache
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
+from support import PROJECT
+
 LIMIT_S = 3600.0
 """Time-out for the largest benchmark on a busy machine."""
 
@@ -57,7 +59,12 @@ def _checked(ran: Ran) -> Ran:
 
 @cache
 def _runner() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_find_benchmarks)
+
+
+def _find_benchmarks() -> None:
+    """The benchmarks are not installed; `python -m` finds them in the current folder."""
+    sys.path.insert(0, str(PROJECT))
 
 
 def _run(arguments: tuple[str, ...]) -> Ran:

@@ -8,6 +8,7 @@ import io
 import json
 from typing import Any
 
+import numpy as np
 from support import PROJECT
 
 DOCS = PROJECT / "docs"
@@ -40,6 +41,7 @@ def test_the_notebook_has_the_fields_that_nbformat_4_5_requires() -> None:
             assert {"outputs", "execution_count"} <= cell.keys()
 
 
+@np.printoptions()  # the notebook changes them
 def test_the_cells_print_their_outputs_in_order() -> None:
     session: dict[str, Any] = {}
     compared = 0

@@ -10,6 +10,7 @@ import re
 import shlex
 from typing import Any
 
+import numpy as np
 import pytest
 from support import PROJECT
 
@@ -20,6 +21,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(python|console|text)\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
 
 
+@np.printoptions()  # the page changes them
 def test_code_prints_what_the_page_says() -> None:
     # The blocks run in one session, in order; a `text` block is the output of the code before it.
     session: dict[str, Any] = {}

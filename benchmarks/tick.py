@@ -266,7 +266,7 @@ def chart(rows: Sequence[Row], file: Path) -> None:
         axes.set_xlim(0.9 * min(row.p10_us for row in rows), 1.1 * max(row.p99_us for row in rows))
         axes.tick_params(axis="x", which="minor", labelbottom=False)
         axes.set_xlabel("control step, \N{MICRO SIGN}s: 10th percentile to median, and 99th percentile")
-        axes.invert_yaxis()
+        axes.set_ylim(len(rows) - 0.3, -0.7)
         figure.savefig(file, bbox_inches="tight")
 
 

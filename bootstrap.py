@@ -201,9 +201,7 @@ def test(options: list[str]) -> int:
     if code:
         return code
     # Before the caller's options, of which the last one counts: `-n 0` runs all of it in one process.
-    # Half as many processes again as cores: tests over DDS wait for half of their time.
-    cores = os.cpu_count() or 1
-    command = ("pytest", "-n", str(cores + cores // 2), "--dist", "worksteal", *options)
+    command = ("pytest", "-n", "auto", "--dist", "worksteal", *options)
     print("$", *command, flush=True)
     become(*command)
 

@@ -442,8 +442,9 @@ def sandbox() -> Path:
 
 
 def remove_sandbox() -> None:
-    """Removes the folder of this process."""
+    """Removes the folder of this process; tests of this module that come later have another one."""
     shutil.rmtree(sandbox(), ignore_errors=True)
+    sandbox.cache_clear()
 
 
 _guarded: list[str] = []

@@ -170,7 +170,7 @@ class CompilationProgress:
                 self._report(f"compiling, once per version: {count}: {name}")
 
 
-class _CompilationListener(event.Listener):  # type: ignore[misc]
+class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has no types
     """Passes the name of each function that numba begins to compile; numba has no event for one that is loaded."""
 
     def __init__(self, begin: Callable[[str], None]) -> None:

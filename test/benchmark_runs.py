@@ -79,7 +79,7 @@ def _run(arguments: tuple[str, ...]) -> Ran:
             code = 0
         except SystemExit as end:
             code = int(end.code or 0)
-        except Exception:
+        except Exception:  # as the interpreter does for a process of its own
             traceback.print_exc()
             code = 1
         finally:

@@ -17,7 +17,7 @@ from typing import Any
 
 from ik_node.cli.entry import imports
 
-with imports():
+with imports():  # two of them only so that they are loaded before the forks
     from loop import make_robot
 
     from ik_node.control.warm_up import warm_up

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -11,6 +13,16 @@ import pytest
 PROJECT = Path(__file__).resolve().parent.parent
 Run = Callable[..., Any]
 """Calls a function of a test module with arguments, and returns or raises what it does."""
+
+
+def loaded_program(path: Path) -> ModuleType:
+    """Import a program of the checkout that is in no package."""
+    specification = importlib.util.spec_from_file_location(path.stem, path)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
 
 
 def shared_path(*parts: str) -> Path:

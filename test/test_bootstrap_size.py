@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -13,19 +12,14 @@ from urllib.parse import unquote
 
 import daqp
 import pytest
-from support import PROJECT
+from support import PROJECT, loaded_program
 
 from ik_node.robot.catalogue import robots_folder
 
 
 @pytest.fixture(scope="module")
 def bootstrap() -> ModuleType:
-    specification = importlib.util.spec_from_file_location("bootstrap", PROJECT / "bootstrap.py")
-    assert specification is not None
-    assert specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return loaded_program(PROJECT / "bootstrap.py")
 
 
 def test_every_mesh_that_a_urdf_names_is_kept(bootstrap: ModuleType) -> None:

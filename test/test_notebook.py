@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import io
 import json
 from typing import Any
 
 import numpy as np
-from support import PROJECT
+from support import PROJECT, loaded_program
 
 DOCS = PROJECT / "docs"
 
 
 def made() -> Any:
-    spec = importlib.util.spec_from_file_location("make_notebook", DOCS / "make_notebook.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded_program(DOCS / "make_notebook.py")
 
 
 def test_the_notebook_is_current() -> None:

@@ -105,7 +105,7 @@ class WarmNode(NodeProcess):
         }
         pid = server.ask(request)
         assert pid is not None
-        self._process = ForkedProcess(server, pid)  # type: ignore[assignment]
+        self._process = ForkedProcess(server, pid)  # type: ignore[assignment]  # has what NodeProcess uses of a Popen
 
 
 def start_node(module: str, arguments: Sequence[str], environment: dict[str, str], log: Path) -> NodeProcess:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import subprocess
@@ -13,16 +12,12 @@ import numpy as np
 import pytest
 from loop import READY, make_robot
 from ros_peer import CALM, FakeArm, peer_in_own_domain
-from support import PROJECT
+from support import PROJECT, loaded_program
 
 
 def is_set_up() -> bool:
     """Whether bootstrap.py would start the node without installing anything."""
-    specification = importlib.util.spec_from_file_location("bootstrap", PROJECT / "bootstrap.py")
-    assert specification is not None
-    assert specification.loader is not None
-    bootstrap = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(bootstrap)
+    bootstrap = loaded_program(PROJECT / "bootstrap.py")
     return all(path.is_file() for path in (bootstrap.VENV / "installed-1", bootstrap.BIN / "ik_node"))
 
 

@@ -6,7 +6,6 @@ Ambiguous conventions are refused with one line that names the option to give, a
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support import shared_path
+from support import loaded_program, shared_path
 
 from ik_node.errors import IkNodeError, RecordingError, TrajectoryFileError
 from ik_node.math.types import Array
@@ -569,9 +568,6 @@ def test_files_from_the_field(case: str, file: str) -> None:
 def test_columns_from_the_field(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     path = shared_path("field_cases", "17-pose-file-columns", "check.py")
     monkeypatch.setenv("REPO", str(Path(__file__).parents[2]))
-    spec = importlib.util.spec_from_file_location("check", path)
-    assert spec is not None
-    assert spec.loader is not None
     with pytest.raises(SystemExit) as end:
-        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+        loaded_program(path)
     assert end.value.code == 0, capsys.readouterr().out

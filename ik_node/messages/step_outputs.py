@@ -5,6 +5,8 @@ Not imported by the reading side of a recording: quaternions come from compiled 
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ik_node.interfaces.step import Level, Mode, Status, Step, smallest_singular_value
@@ -33,6 +35,9 @@ from ik_node.messages.encode import (
     wrench_template,
 )
 
+STEP_TOPICS = (JOINT_VELOCITY, CURRENT_POSE, DESIRED_POSE, TWIST_ERROR, MULTIPLIER_TASK, MULTIPLIER_POTENTIAL)
+"""Topics of a Step other than the command."""
+
 
 class StepOutputs:
     """Encodes Steps for the node's output topics; one instance per node."""
@@ -57,24 +62,26 @@ class StepOutputs:
         """All messages of a Step, the command first."""
         return [Outgoing(COMMANDS, self.command(step)), *self.others(step)]
 
-    def others(self, step: Step) -> list[Outgoing]:
-        """The messages of the other topics, stamped with the ROS time of the Step.
+    def others(self, step: Step, topics: Collection[str] = STEP_TOPICS) -> list[Outgoing]:
+        """The messages on those of ``topics`` that are in :data:`STEP_TOPICS`, stamped with the ROS time of the Step.
 
         Poses, errors and multipliers that contain NaN are left out.
         """
-        stamp_ns = step.now.ros_ns
-        messages = [Outgoing(JOINT_VELOCITY, encode_joint_state(self.joints, stamp_ns, velocity=step.joint_velocity))]
+        stamp_ns, messages = step.now.ros_ns, []
+        if JOINT_VELOCITY in topics:
+            velocity = encode_joint_state(self.joints, stamp_ns, velocity=step.joint_velocity)
+            messages.append(Outgoing(JOINT_VELOCITY, velocity))
         for topic, pose in ((CURRENT_POSE, step.pose_sb), (DESIRED_POSE, step.pose_sd)):
-            if np.isfinite(pose).all():
+            if topic in topics and np.isfinite(pose).all():
                 quaternion = quaternion_from_rotation(pose[:3, :3])
                 messages.append(Outgoing(topic, encode_pose(self.base_frame, stamp_ns, pose[:3, 3], quaternion)))
-        if np.isfinite(step.error_b).all():
+        if TWIST_ERROR in topics and np.isfinite(step.error_b).all():
             messages.append(Outgoing(TWIST_ERROR, encode_twist(self.tip_frame, stamp_ns, step.error_b)))
         for topic, term in (
             (MULTIPLIER_TASK, step.multiplier_task),
             (MULTIPLIER_POTENTIAL, step.multiplier_potential),
         ):
-            if np.isfinite(term).all():
+            if topic in topics and np.isfinite(term).all():
                 messages.append(Outgoing(topic, encode_wrench(self.tip_frame, stamp_ns, term)))
         return messages
 

@@ -354,7 +354,9 @@ class IkNode(LifecycleNode):  # type: ignore[misc]
         """
         age_s = (time.monotonic_ns() - step.now.monotonic_ns) / NS
         is_late = self._calls is not None and age_s > self._calls.controller.settings.state.timeout_s
-        return [] if is_late and step.joint_velocity.any() else self._publisher.publish_step(step)
+        if is_late and step.joint_velocity.any():
+            return []
+        return self._publisher.publish_step(step, self._calls is not None and self._calls.recording is not None)
 
     def _publish_status(self) -> None:
         if self._calls is not None:

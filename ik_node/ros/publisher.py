@@ -19,7 +19,7 @@ from ik_node.interfaces.step import Status, Step
 from ik_node.messages import encode, step_outputs
 from ik_node.messages.encode import Outgoing
 from ik_node.messages.markers import SceneMarkers
-from ik_node.messages.step_outputs import StepOutputs
+from ik_node.messages.step_outputs import STEP_TOPICS, StepOutputs
 from ik_node.robot.robot import Robot
 from ik_node.ros import qos
 from ik_node.settings.groups import Settings
@@ -73,14 +73,18 @@ class StepPublisher:
         """Number of subscriptions to the commands."""
         return int(self._publishers[encode.COMMANDS].get_subscription_count())
 
-    def publish_step(self, step: Step) -> list[Outgoing]:
-        """Publish ``step``; return the messages, the command first."""
+    def publish_step(self, step: Step, is_recorded: bool) -> list[Outgoing]:
+        """Publish ``step`` on the topics with a subscriber, on all if it ``is_recorded``; return the messages.
+
+        The command is published first, and always.
+        """
         if self._outputs is None:
             return []
         command = Outgoing(encode.COMMANDS, self._outputs.command(step))
         self._publishers[encode.COMMANDS].publish(command.data)
         self._last = step
-        others = self._outputs.others(step)
+        topics = STEP_TOPICS if is_recorded else [topic for topic in STEP_TOPICS if self._has_subscriber(topic)]
+        others = self._outputs.others(step, topics)
         for topic, data in others:
             self._publishers[topic].publish(data)
         if self._markers is not None:
@@ -120,6 +124,9 @@ class StepPublisher:
         if self._markers is not None and self._marker_publisher.get_subscription_count():
             self._marker_publisher.publish(self._markers.delete_all(now))
             self._marker_publisher.wait_for_all_acked(ACK_TIMEOUT)
+
+    def _has_subscriber(self, topic: str) -> bool:
+        return bool(self._publishers[topic].get_subscription_count())
 
     def _values(self) -> dict[str, str]:
         return {} if self._last is None else step_outputs.step_values(self._last, self._method)

@@ -202,6 +202,12 @@ def test_a_stopped_step_sends_zeros_and_nothing_that_was_not_computed() -> None:
     assert encode.DESIRED_POSE not in [topic for topic, _ in outputs.others(half)]
 
 
+@pytest.mark.parametrize("topic", step_outputs.STEP_TOPICS)
+def test_only_the_messages_of_the_given_topics_are_made(topic: str) -> None:
+    step, outputs = made_step(4, 7), StepOutputs(JOINTS, "base", "tip")
+    assert outputs.others(step, [topic]) == [message for message in outputs.others(step) if message.topic == topic]
+
+
 def test_status_values_say_the_figures_of_a_step() -> None:
     step = made_step(3, 7)
     values = step_outputs.step_values(step, "plain")

@@ -2,8 +2,8 @@
 
 :mod:`ik_node.jit` compiles a function at its first call, which takes seconds. Loading it from the cache on disk takes
 milliseconds, still too long for a control step. Therefore a second controller with the same robot and settings calls
-every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach, joint
-states that are refused.
+every compiled function: every method, every kind of target, obstacles, active limits, targets out of reach,
+singularities, joint states that are refused.
 """
 
 from __future__ import annotations
@@ -81,6 +81,9 @@ def warm_up(robot: Robot, settings: Settings) -> int:
         run.stream(0.001, 2)
     run.jog()
     run.jump()
+    # Large arms are singular nowhere near their middle with the default threshold.
+    run.change({"task.tolerance": (0.0,) * 6, "singularity.threshold": 1.0, "singularity.tolerance": 0.1})
+    run.stream(OUT_OF_REACH_M, 2)
     run.singular_start()
     return compilation_count() - count
 

@@ -46,16 +46,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.differential_ik.singular_directions import (
-    DirectionAnalysis,
+    DirectionFigures,
     JacobianAt,
-    JacobianNeighbourhood,
-    acceleration_scale,
+    SingularDirections,
     analyse,
+    bounded_rates,
     clip_rate,
-    continuing_rate,
+    continuing_rates,
+    directions_to_differentiate,
+    jacobians_beside,
+    motion_of_others,
+    needs_no_regulation,
 )
 from ik_node.differential_ik.singularity_branch import Branch, track_branch
 from ik_node.differential_ik.viable_scale import MIN_RATE
+from ik_node.jit import compiled
 from ik_node.math.numerics import smoothstep, smoothstep_ratio
 from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
@@ -168,113 +173,150 @@ def regulate_singularities(
     if sigma[-1] >= settings.threshold:
         free = SingularityState(max(0.0, state.delay_s - elapsed_s), "free", 1.0, 0.0)
         return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)
-    near = JacobianNeighbourhood(
-        jacobian_at, q, row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance
-    )
+    near = SingularDirections(row_scale, u, sigma, rows, u.T @ (row_scale * twist), settings.tolerance)
     branch = track_branch(state.branch, u[:, -1], rows[-1], float(sigma[-1]) / settings.threshold)
     in_time = 1.0 - smoothstep((state.delay_s - settings.timeout_s) / TRUNCATION_S)
-    wanted = near.rates(sigma, near.along)
-    if state.retention == 1.0 and state.delay_s <= settings.timeout_s and near.needs_no_regulation(wanted, limits):
+    required = bounded_rates(sigma, near.along, near.tolerance)
+    if state.retention == 1.0 and state.delay_s <= settings.timeout_s and needs_no_regulation(near, required, limits):
         delay_s = _delay(state.delay_s, scale_before, elapsed_s, previous, limits)
         free = SingularityState(delay_s, "free", 1.0, 0.0, branch)
         return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)
-    required = wanted.copy()
-    critical = np.flatnonzero(sigma < settings.threshold).tolist()
+    first = int(np.count_nonzero(sigma >= settings.threshold))
     crossed = branch is not None and branch.crossed
-    for index in critical[:-1] if crossed else critical:
-        wanted[index] = continuing_rate(near, index, wanted[index], previous, bounds)
-    rest = wanted.copy()
-    rest[critical] = 0.0
-    motion = rest @ rows
-    jacobian_rate = near.derivative(motion)
-    analyses = [analyse(near, index, wanted[index], jacobian_rate, limits) for index in critical]
-    speed_scales = [
-        min(1.0, analysis.max_rate / max(abs(wanted[index]), 1e-30))
-        for index, analysis in zip(critical, analyses, strict=True)
-    ]
-    turn_scale = acceleration_scale(near, wanted, limits)
+    wanted = continuing_rates(near, required, first, size - 1 if crossed else size, previous, bounds)
+    beside = jacobians_beside(jacobian_at, q, directions_to_differentiate(near, wanted, first))
+    figures = analyse(near, wanted, first, beside, limits)
+    speed_scale = float(np.minimum(1.0, figures.max_rate / np.maximum(np.abs(wanted[first:]), 1e-30)).min())
     after = _decide(
         state,
-        analyses[-1].min_sigma,
+        float(figures.min_sigma[-1]),
         float(sigma[-1]),
         settings.tolerance,
-        min(turn_scale, *speed_scales),
+        min(figures.turn_scale, speed_scale),
         elapsed_s,
         scale_before,
     )
-
-    turns_back = crossed and analyses[-1].leaves_boundary and analyses[-1].boundary_distance < 0.5
-    if turns_back:
-        # From the other branch the way out leads back through the boundary.
-        wanted[-1] = -wanted[-1]
-    retention, clipped, scale = np.ones(size), wanted.copy(), 1.0
-    for index, analysis, speed_scale in zip(critical, analyses, speed_scales, strict=True):
-        distance = analysis.boundary_distance
-        if analysis.leaves_boundary:
-            # At the boundary itself the other directions need not wait until the arm has turned round.
-            away = smoothstep(float(sigma[index]) / settings.tolerance - 1.0)
-            retention[index] = in_time * max(after.retention, 1.0 - distance) * (distance + (1.0 - distance) * away)
-        else:
-            retention[index] = in_time * after.retention * distance
-        if turns_back and index == size - 1:
-            retention[index] = 0.0
-        max_rate = _max_rate(
-            analysis, float(sigma[index]), float(near.along[index]), after.retention, settings.threshold
-        )
-        clipped[index] = clip_rate(near, index, wanted[index], max_rate, motion, previous, bounds)
-        scale = min(scale, speed_scale ** retention[index])
-    # At less than the tolerance the derivatives are meaningless.
-    turn_exponent = float(retention[critical].max() * smoothstep(sigma[-1] / settings.tolerance - 1.0))
-    scale = min(scale, turn_scale**turn_exponent)
-    # Fades in below the threshold, so that there is no step at the threshold.
-    scale = 1.0 - (1.0 - scale) * smoothstep((settings.threshold - sigma[-1]) / (0.3 * settings.threshold))
-    # Completely clipped below a retention of 1/2: any remainder of a blocked direction would block everything.
-    retained, rates = np.maximum(2.0 * retention[critical] - 1.0, 0.0), wanted.copy()
-    truncated = _at_full_speed(clipped[critical], wanted[critical], scale)
-    rates[critical] = retained * rates[critical] + (1.0 - retained) * truncated
+    turns_back = bool(crossed and figures.leaves_boundary[-1] and figures.boundary_distance[-1] < 0.5)
+    found = _regulated(
+        near,
+        required,
+        wanted,
+        first,
+        figures,
+        in_time,
+        after.retention,
+        turns_back,
+        settings.threshold,
+        previous,
+        bounds,
+    )
     raised = np.maximum(sigma, MIN_SIGMA)
     regular = jacobian if sigma[-1] >= MIN_SIGMA else ((u * raised) @ rows) / row_scale[:, None]
     max_delay_s = settings.timeout_s + TRUNCATION_S + MAX_EXTRA_DELAY_S
-    delay_s = min(_delay(state.delay_s, scale * scale_before, elapsed_s, previous, limits), max_delay_s)
+    delay_s = min(_delay(state.delay_s, found.scale * scale_before, elapsed_s, previous, limits), max_delay_s)
     return RegulatedTask(
         regular,
-        (u @ (raised * rates)) / row_scale,
-        (u @ np.where((retention < 1.0) | (sigma < settings.tolerance), near.along - rates * sigma, 0.0)) / row_scale,
-        scale,
-        float(retention[critical].min()),
-        _kept(rates, required),
+        found.twist,
+        found.truncated,
+        found.scale,
+        found.retention,
+        found.kept,
         sigma,
         svd if regular is jacobian else None,
         after._replace(delay_s=delay_s, branch=branch),
     )
 
 
-def _kept(rates: Array, required: Array) -> Array:
-    """Ratio of ``rates`` to the ``required`` ones, -1 to 1; 1 where nothing is required."""
-    needed = np.abs(required) > MIN_RATE
-    return np.asarray(np.where(needed, np.clip(rates / np.where(needed, required, 1.0), -1.0, 1.0), 1.0))
+class _RegulatedTwist(NamedTuple):
+    """Fields of a :class:`RegulatedTask`."""
+
+    twist: Array
+    truncated: Array
+    scale: float
+    retention: float
+    kept: Array
 
 
-def _at_full_speed(clipped: Array, wanted: Array, scale: float) -> Array:
-    """Rates of V_f that are the clipped ones at this scale, up to the wanted ones.
+@compiled
+def _regulated(
+    near: SingularDirections,
+    required: Array,
+    wanted: Array,
+    first: int,
+    figures: DirectionFigures,
+    in_time: float,
+    decided: float,
+    turns_back: bool,
+    threshold: float,
+    previous: Array,
+    bounds: JointBounds,
+) -> _RegulatedTwist:
+    """What is left of the twist. ``required`` (m,): rates of V. ``wanted`` (m,): the same, continuing the present
+    motion. ``first``: index of the first critical direction. ``decided``: retention of the decision. ``turns_back``:
+    from the other branch the way out leads back through the boundary."""
+    sigma, size, tolerance = near.sigma, len(near.sigma), near.tolerance
+    wanted = wanted.copy()
+    motion = motion_of_others(near, wanted, first)
+    if turns_back:
+        wanted[-1] = -wanted[-1]
+    retention, clipped, scale = np.ones(size), wanted.copy(), 1.0
+    for index in range(first, size):
+        row = index - first
+        distance, max_rate = figures.boundary_distance[row], figures.max_rate[row]
+        retention[index] = in_time * decided * distance
+        if figures.leaves_boundary[row]:
+            # At the boundary itself the other directions need not wait until the arm has turned round.
+            away = smoothstep(sigma[index] / tolerance - 1.0)
+            retention[index] = in_time * max(decided, 1.0 - distance) * (distance + (1.0 - distance) * away)
+        if turns_back and index == size - 1:
+            retention[index] = 0.0
+        fastest = _max_rate(max_rate, sigma[index], near.along[index], decided, threshold)
+        clipped[index] = clip_rate(near.rows[index], wanted[index], fastest, motion, previous, bounds)
+        scale = min(scale, min(1.0, max_rate / max(abs(wanted[index]), 1e-30)) ** retention[index])
+    # At less than the tolerance the derivatives are meaningless.
+    scale = min(scale, figures.turn_scale ** (retention[first:].max() * smoothstep(sigma[-1] / tolerance - 1.0)))
+    # Fades in below the threshold, so that there is no step at the threshold.
+    scale = 1.0 - (1.0 - scale) * smoothstep((threshold - sigma[-1]) / (0.3 * threshold))
+    twist, truncated, kept = np.zeros(len(near.row_scale)), np.zeros(len(near.row_scale)), np.ones(size)
+    for index in range(size):
+        rate = wanted[index]
+        if index >= first:
+            # Completely clipped below a retention of 1/2: any remainder of a blocked direction would block everything.
+            retained = max(2.0 * retention[index] - 1.0, 0.0)
+            rate = retained * rate + (1.0 - retained) * _at_full_speed(clipped[index], wanted[index], scale)
+        twist += near.u[:, index] * (max(sigma[index], MIN_SIGMA) * rate)
+        if retention[index] < 1.0 or sigma[index] < tolerance:
+            truncated += near.u[:, index] * (near.along[index] - rate * sigma[index])
+        if abs(required[index]) > MIN_RATE:
+            kept[index] = min(max(rate / required[index], -1.0), 1.0)
+    return _RegulatedTwist(
+        twist / near.row_scale, truncated / near.row_scale, scale, float(retention[first:].min()), kept
+    )
 
-    A direction that went on faster than V does at this scale would lead the tool off the direction of V_f. Rates that
-    bounds force beyond the wanted ones remain as they are: divided by a vanishing scale they would be unlimited.
+
+@compiled
+def _at_full_speed(clipped: float, wanted: float, scale: float) -> float:
+    """Rate of V_f that is the clipped one at this scale, up to the wanted one.
+
+    A direction that went on faster than V does at this scale would lead the tool off the direction of V_f. A rate that
+    bounds force beyond the wanted one remains as it is: divided by a vanishing scale it would be unlimited.
     """
-    permitted = (clipped * wanted >= 0.0) & (np.abs(clipped) <= np.abs(wanted))
-    return np.where(permitted, np.clip(clipped / max(scale, MIN_SCALE), -np.abs(wanted), np.abs(wanted)), clipped)
+    if clipped * wanted < 0.0 or abs(clipped) > abs(wanted):
+        return clipped
+    return float(min(max(clipped / max(scale, MIN_SCALE), -abs(wanted)), abs(wanted)))
 
 
-def _max_rate(analysis: DirectionAnalysis, sigma: float, along: float, retention: float, threshold: float) -> float:
+@compiled
+def _max_rate(max_rate: float, sigma: float, along: float, retention: float, threshold: float) -> float:
     """Highest rate of a direction; it fades out with sigma when the arm passes straight, so that the arm hardly turns.
 
     Half a turn would be worse than a whole one or none.
     """
     ratio = sigma / (FADE_RATIO * threshold)
     if ratio >= 1.0:
-        return analysis.max_rate
+        return max_rate
     faded = abs(along) * min(1.0, smoothstep_ratio(ratio)) / (FADE_RATIO * threshold)
-    return retention * analysis.max_rate + (1.0 - retention) * min(analysis.max_rate, faded)
+    return float(retention * max_rate + (1.0 - retention) * min(max_rate, faded))
 
 
 def _decide(

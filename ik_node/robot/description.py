@@ -152,6 +152,9 @@ def _parse(urdf: str) -> ElementTree.Element:
     prefix, colon, name = root.tag.rpartition(":")
     if name != "robot":
         raise RobotError(f"its root element is <{root.tag}>; expected <robot>")
+    for element in root.iter():
+        if element.tag.startswith("xacro:"):
+            raise RobotError(f"it is a xacro file (<{element.tag}>); write the URDF with: xacro FILE > arm.urdf")
     if prefix:
         for element in root.iter():
             element.tag = element.tag.removeprefix(prefix + colon)

@@ -105,6 +105,7 @@ FAULTS: dict[str, tuple[str, str]] = {
     "not closed": (arm()[:-9], "not XML: "),
     "html": ("<html><body>no</body></html>", r"its root element is <html>; expected <robot>"),
     "empty": (" \n", "it is empty"),
+    "xacro": (arm('<xacro:include filename="hand.xacro"/>'), r"it is a xacro file \(<xacro:include>\)"),
     "no links": ('<robot name="arm"/>', "it has 0 links"),
     "entities": ('<!DOCTYPE robot [<!ENTITY a "b">]>' + arm(), "it declares the entity 'a'"),
     "a surrogate": (arm('<link name="\ud800"/>'), "not XML: "),

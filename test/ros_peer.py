@@ -110,12 +110,13 @@ class Peer:
         holds: Callable[[], bool],
         each: Callable[[], None] | None = None,
         now_and_then: Callable[[], None] | None = None,
+        period_s: float = 1.0,
     ) -> None:
         """Process callbacks until ``holds`` returns true; after the time-out the test fails and lists what was
         received.
 
-        ``now_and_then`` is called at once and then every second, for messages that may be sent before the other side
-        has discovered the publisher.
+        ``now_and_then`` is called at once and then every ``period_s``, for messages that may be sent before the other
+        side has discovered the publisher. Its calls are never closer to each other, also after a hold-up of the test.
         """
         begin = time.monotonic()
         again = begin
@@ -125,7 +126,7 @@ class Peer:
                 pytest.fail(f"waited {PATIENCE_S:g} s for {what}; last statuses {self.statuses[-3:]}\n{words}")
             if now_and_then is not None and time.monotonic() >= again:
                 now_and_then()
-                again += 1.0
+                again = time.monotonic() + period_s
             self.spin(0.02, each)
 
     def until_silent(self, silence_s: float = 0.5, each: Callable[[], None] | None = None) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from loop import READY, make_robot
 from ros_peer import peer_in_own_domain, rclpy
+from waiting import ENOUGH_S
 
 from ik_node.control.late_inputs import GAP, HELD, HELD_UP
 from ik_node.recording.run_reader import load_run
@@ -22,16 +23,34 @@ from ik_node.report import compute_metrics
 if rclpy:
     from diagnostic_msgs.msg import DiagnosticArray
 
-TARGET_PERIOD_S = 0.05
+TARGET_PERIOD_S = 0.02
+SHORTEST_S, LONGER_BY_S, LONGEST_S = 0.15, 0.02, 0.4
+"""Each hold-up and each gap in the targets is longer than the one before: on a slow machine the test sends joint states
+and targets at a lower rate, and of these a time has to be several periods."""
 HOLD_UPS = 5
 COUNTS = ("hold_ups", "targets", "targets_late", "targets_lost")
+
+
+class Lengths:
+    """Lengths of hold-ups or gaps, s."""
+
+    def __init__(self) -> None:
+        self.made = 0
+        """Number of those that the node has met in closed loop."""
+        self.next_s = SHORTEST_S
+
+    def add(self, is_met: bool) -> None:
+        """One has ended."""
+        self.made += is_met
+        self.next_s = min(self.next_s + LONGER_BY_S, LONGEST_S)
 
 
 def test_what_comes_late_is_stated_by_the_node_and_by_its_recording(tmp_path: Path) -> None:
     robot = make_robot("panda")
     bag = tmp_path / "bag"
-    settings = ("robot:=panda", "rate_hz:=100.0", "state.timeout_s:=5.0", "follow.enabled:=false")
-    record = ("recording.enabled:=true", f"recording.directory:={bag}")
+    # Neither hold-ups of the test nor its own gaps end the stream of targets or stop the arm.
+    settings = ("robot:=panda", "rate_hz:=100.0", "state.timeout_s:=10.0", "target.timeout_s:=5.0")
+    record = ("follow.enabled:=false", "recording.enabled:=true", f"recording.directory:={bag}")
     with peer_in_own_domain() as peer:
         node = peer.start("node", tmp_path, [part for value in (*settings, *record) for part in ("-p", value)])
         figures: list[dict[str, str]] = []
@@ -53,27 +72,44 @@ def test_what_comes_late_is_stated_by_the_node_and_by_its_recording(tmp_path: Pa
         def reported(text: str) -> bool:
             return any(text in reason for _, reason in peer.statuses)
 
+        def figure(name: str) -> int:
+            return int(figures[-1].get(name, 0)) if figures else 0
+
         peer.until("tracking", lambda: peer.mode == "tracking", each)
+        # A busy machine holds up the node as well, so those of the test are counted.
+        held_up, left_out = Lengths(), Lengths()
 
         def hold_up() -> None:
+            if peer.mode != "tracking":  # stopped, because the machine is too slow: it recovers without hold-ups
+                return
             os.kill(node.pid, signal.SIGSTOP)
-            time.sleep(0.15)  # the length of the hold-up; a process that is stopped has no condition to wait for
+            time.sleep(held_up.next_s)  # a process that is stopped has no condition to wait for
             os.kill(node.pid, signal.SIGCONT)
             peer.spin(0.3, each)
+            held_up.add(peer.mode == "tracking")
 
-        peer.until("hold-ups", lambda: bool(figures) and int(figures[-1].get("hold_ups", 0)) >= HOLD_UPS, each, hold_up)
-        peer.until("the cause of a held command", lambda: reported(f"{HELD}: {HELD_UP}"), each)
+        def hold_ups_are_stated() -> bool:
+            is_counted = min(held_up.made, figure("hold_ups")) >= HOLD_UPS
+            return is_counted and reported(f"{HELD}: {HELD_UP}")
+
+        peer.until("hold-ups and their effect", hold_ups_are_stated, each, hold_up, 0.5)
 
         def leave_out() -> None:
             nonlocal sends
             sends = False
-            peer.spin(0.3, each)
+            peer.spin(left_out.next_s, each)
             sends = True
+            peer.spin(0.3, each)
+            left_out.add(peer.mode == "tracking")
 
-        peer.until("the cause of a gap", lambda: reported(f"{GAP}: targets are late or lost"), each, leave_out)
-        peer.until("figures", lambda: bool(figures) and int(figures[-1].get("targets_lost", 0)) > 2, each)
+        def gaps_are_stated() -> bool:
+            # Also repeated while the machine holds up the node in each gap, which is stated as the cause then.
+            is_counted = left_out.made > 0 and figure("targets_lost") > 2
+            return is_counted and reported(f"{GAP}: targets are late or lost")
+
+        peer.until("gaps and their cause", gaps_are_stated, each, leave_out, 0.1)
         published = figures[-1]
-        node.stop(signal.SIGINT, 30.0)
+        assert node.stop(signal.SIGINT, ENOUGH_S) == 0
     metrics = compute_metrics(load_run(bag))
     counted = {
         "hold_ups": metrics.late_steps.hold_ups,
@@ -83,7 +119,6 @@ def test_what_comes_late_is_stated_by_the_node_and_by_its_recording(tmp_path: Pa
     }
     for name in COUNTS:
         assert counted[name] >= int(published[name]), (name, counted, published)
-    assert int(published["hold_ups"]) >= HOLD_UPS
-    assert metrics.late_steps.hold_up_max_ms > 140.0
-    assert metrics.late_targets.age.max_ms > 200.0
+    assert metrics.late_steps.hold_up_max_ms > 0.9e3 * SHORTEST_S
+    assert metrics.late_targets.age.max_ms > 0.9e3 * SHORTEST_S
     assert metrics.late_steps.by_machine >= HOLD_UPS

@@ -47,11 +47,13 @@ TIMEOUT_S = 0.5
 """state.timeout_s: long enough for a machine that runs other tests as well."""
 STREAM_HZ = 5000.0
 """Rate of streamed inputs; others are sent at 1 kHz, large ones at 20 MB/s."""
-OWN_S = 1.0
+OWN_S = 3.0
 """Bound of the time that the node computes without a command, or before an answer. It was 0.02 s in one run and 0.15 s
 in another, both on busy machines; before there were bounds it was endless."""
-LONGEST_S = 2.0
+LONGEST_S = 30.0
 """Bound of times that include those of a busy machine."""
+ATTEMPTS = 10
+"""The joint states are interrupted again when the machine held up the node meanwhile, which is another reason."""
 CHOSEN_EVERY = 3
 """Inputs per one that is driven without ``--exhaustive``."""
 SILENCE_EVERY = 3
@@ -63,6 +65,7 @@ states of the arm, longest computing between two commands; time to zeros beyond 
 state; time to the answer of ~/pause, and computing in it."""
 FRAME = "panda_link0"
 MOVING = ("holding", "tracking")
+SILENCES = ("no joint state for", "the node was held up")
 ROBOT = make_robot("panda")
 START = np.array(READY["panda"])
 NODE = ["-p", "robot:=panda", "-p", f"rate_hz:={RATE_HZ}", "-p", f"state.timeout_s:={TIMEOUT_S}"]
@@ -237,14 +240,18 @@ def answered_s(peer: Peer, client: Any, node: NodeProcess, pause: bool) -> tuple
 
 def silenced(peer: Peer, monitor: Monitor, simulator: NodeProcess) -> float:
     """Interrupts the joint states until the node commands zeros; returns its delay beyond ``state.timeout_s``, s."""
-    os.kill(simulator.pid, signal.SIGSTOP)
-    # The status may arrive before the command.
-    peer.until("the status", lambda: peer.mode == "stopped" and "no joint state for" in peer.reason)
-    peer.until("zeros", lambda: monitor.command_ns > monitor.state_ns + TIMEOUT_S / 2.0 * 1e9)
-    zeros_s = 1e-9 * (monitor.command_ns - monitor.state_ns) - TIMEOUT_S
-    os.kill(simulator.pid, signal.SIGCONT)
-    peer.until("control", lambda: peer.mode in MOVING)
-    return zeros_s
+    for _ in range(ATTEMPTS):
+        os.kill(simulator.pid, signal.SIGSTOP)
+        # The status may arrive before the command.
+        peer.until("the status", lambda: peer.mode == "stopped" and peer.reason.startswith(SILENCES))
+        peer.until("zeros", lambda: monitor.command_ns > monitor.state_ns + TIMEOUT_S / 2.0 * 1e9)
+        is_silence = peer.reason.startswith(SILENCES[0])
+        zeros_s = 1e-9 * (monitor.command_ns - monitor.state_ns) - TIMEOUT_S
+        os.kill(simulator.pid, signal.SIGCONT)
+        peer.until("control", lambda: peer.mode in MOVING)
+        if is_silence:
+            return zeros_s
+    pytest.fail(f"the node was held up {ATTEMPTS} times")
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ driver is a process of its own, so that its rate does not depend on the test. Th
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -24,8 +25,14 @@ if rclpy:
 RATE_HZ = 200.0
 NODE = ["-p", "robot:=panda", "-p", f"rate_hz:={RATE_HZ}", "-p", "state.timeout_s:=5.0", "-p", "follow.enabled:=false"]
 """Silences of some 0.1 s are not reported as such with this time-out."""
+MACHINE = re.compile(r"this machine makes fewer than \d+ control steps per second, 0\.3 of ")
+DRIVER_RATE = re.compile(r"joint states arrive slower than \d+ Hz, 0\.3 of ")
+"""Reasons of a stop; the rate is less than 0.3 of ``rate_hz`` on a machine on which the driver is slower."""
+ATTEMPTS = 10
+"""The driver is slowed down again when the machine was slow at the same time, which is another reason."""
 DRIVER = """
 import sys, time, rclpy
+from pathlib import Path
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from ik_node.ros import qos
@@ -33,8 +40,9 @@ rclpy.init()
 node = Node("driver")
 publisher = node.create_publisher(JointState, "/joint_states", qos.OUTPUT)
 message = JointState(name=sys.argv[2].split(","), position=[float(text) for text in sys.argv[3].split(",")])
-period_s, next_s = 1.0 / float(sys.argv[1]), time.monotonic()
+next_s = time.monotonic()
 while True:
+    period_s = 1.0 / float(Path(sys.argv[1]).read_text())
     message.header.stamp = node.get_clock().now().to_msg()
     publisher.publish(message)
     next_s = max(next_s + period_s, time.monotonic())
@@ -45,23 +53,24 @@ while True:
 class Driver:
     """Publishes the joint states of an arm that stands."""
 
-    def __init__(self, peer: Peer) -> None:
-        self._peer = peer
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self, rate_hz: float) -> None:
-        self.stop()
+    def __init__(self, peer: Peer, rate_file: Path) -> None:
+        self._rate_file = rate_file
+        self.set_rate(RATE_HZ)
         robot = make_robot("panda")
         names, position = ",".join(robot.joints), ",".join(map(str, READY["panda"]))
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(self._peer.domain)}
-        command = [sys.executable, "-c", DRIVER, str(rate_hz), names, position]
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(peer.domain)}
+        command = [sys.executable, "-c", DRIVER, str(rate_file), names, position]
         self._process = subprocess.Popen(command, env=environment)
 
+    def set_rate(self, rate_hz: float) -> None:
+        """The process stays: a new one would begin with a silence, as long as the machine takes for its imports."""
+        written = self._rate_file.with_suffix(".new")
+        written.write_text(str(rate_hz))
+        written.replace(self._rate_file)  # never seen empty
+
     def stop(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
+        self._process.kill()
+        self._process.wait()
 
 
 @pytest.fixture
@@ -71,8 +80,8 @@ def peer() -> Iterator[Peer]:
 
 
 @pytest.fixture
-def driver(peer: Peer) -> Iterator[Driver]:
-    made = Driver(peer)
+def driver(peer: Peer, tmp_path: Path) -> Iterator[Driver]:
+    made = Driver(peer, tmp_path / "rate_hz")
     yield made
     made.stop()
 
@@ -103,7 +112,6 @@ def test_a_starved_node_stops_once_and_a_slow_driver_is_named(
 ) -> None:
     node = peer.start("node", tmp_path, NODE)
     figures, rows = Figures(peer), []
-    driver.start(RATE_HZ)
     peer.until("control", lambda: peer.mode == "holding" and "this machine" not in peer.reason)
     peer.spin(2.5)
     rows.append(f"plain           {figures}")
@@ -121,25 +129,29 @@ def test_a_starved_node_stops_once_and_a_slow_driver_is_named(
 
     begin = len(peer.statuses)
     peer.until("the stop", lambda: peer.mode == "stopped", starve(0.02, 0.4))
-    assert peer.reason.startswith("this machine makes fewer than 60 control steps per second, 0.3 of rate_hz")
+    assert MACHINE.match(peer.reason)
     end_s = time.monotonic() + 6.0
     peer.until("six seconds", lambda: time.monotonic() > end_s, starve(0.02, 0.4))
     rows.append(f"starved         {figures}  stops {stops(peer, begin)}")
     assert peer.mode == "stopped"
     assert stops(peer, begin) == 1
     peer.until("the restart", lambda: peer.mode == "holding")
-    begin = len(peer.statuses)
-    driver.start(0.15 * RATE_HZ)
-    peer.until("the stop", lambda: peer.mode == "stopped")
-    end_s = time.monotonic() + 4.0
-    peer.until("four seconds", lambda: time.monotonic() > end_s)
-    rows.append(f"slow driver     {figures}  stops {stops(peer, begin)}")
-    assert stops(peer, begin) == 1
-    in_time = float(figures.values["clock_calls_hz"]) > 90.0
-    assert peer.reason.startswith("joint states arrive slower than 60 Hz") or not in_time
-    driver.start(RATE_HZ)
-    peer.until("the restart", lambda: peer.mode == "holding")
+    for _ in range(ATTEMPTS):
+        begin = len(peer.statuses)
+        driver.set_rate(0.1 * RATE_HZ)
+        peer.until("the stop", lambda: peer.mode == "stopped")
+        reason, end_s = peer.reason, time.monotonic() + 4.0
+        peer.until("four seconds", lambda: time.monotonic() > end_s)  # noqa: B023
+        rows.append(f"slow driver     {figures}  stops {stops(peer, begin)}")
+        assert stops(peer, begin) == 1
+        driver.set_rate(RATE_HZ)
+        peer.until("the restart", lambda: peer.mode == "holding")
+        if DRIVER_RATE.match(reason):
+            break
+        assert MACHINE.match(reason)
+    else:
+        pytest.fail(f"the machine was too slow {ATTEMPTS} times")
     with capsys.disabled():
         print("\n" + "\n".join(rows))
     log = node.log.read_text()
-    assert "stopped: this machine makes fewer than 60 control steps per second" in log
+    assert re.search(f"stopped: {MACHINE.pattern}", log)

@@ -199,7 +199,7 @@ def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None
                 targets += 1
             peer.spin(0.001)
         assert min(states, targets) > 50
-        assert peer.processes[0].stop(signal.SIGINT, 60.0) == 0
+        assert peer.processes[0].stop(signal.SIGINT, PATIENCE_S) == 0
     new = load_run(tmp_path / "bag")
     assert len(new.targets.position) > 0.5 * targets
     known = {row.tobytes() for row in old.targets.position}

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from loop import READY, make_robot
 from ros_peer import CALM, FakeArm, Peer, peer_in_own_domain, rclpy
+from waiting import ENOUGH_S
 
+from ik_node.errors import RecordingError
 from ik_node.math import se3
 from ik_node.math.types import Array
 from ik_node.recording.run_reader import load_run
@@ -35,9 +37,10 @@ if rclpy:
     from visualization_msgs.msg import Marker, MarkerArray
 
 PANDA = make_robot("panda")
-WATCHFUL = ["-p", "state.timeout_s:=0.1", "-p", "follow.enabled:=true"]
-"""After `CALM`: time-outs of the state machine as usual, except for the rate of joint states, which depends on the
-machine."""
+WATCHFUL = ["-p", "state.timeout_s:=1.0"]
+"""After `CALM`: missing joint states stop the arm; this process is seldom held up for as long."""
+SLOW_RAMP = 0.1
+"""Acceleration limit, rad/s2: the ramp to zero takes half a second, longer than a hold-up of the machine."""
 
 
 @pytest.fixture
@@ -87,7 +90,8 @@ def test_stops_when_joint_states_stop_and_goes_on_when_they_return(peer: Peer, t
     arm = moving(peer, tmp_path, WATCHFUL)
     peer.until("zeros", lambda: not peer.commands[-1].any())
     peer.until("the reason", lambda: peer.mode == "stopped")
-    assert peer.reason.startswith("no joint state for 0.1 s")
+    # The other reason is right when the machine holds up the node at the same time; test_hold_up.py has both.
+    assert peer.reason.startswith(("no joint state for 1 s", "the node was held up for"))
     peer.until_silent()  # zeros are not published endlessly
     assert not peer.commands[-1].any()
     silent = len(peer.commands)
@@ -100,8 +104,12 @@ def test_a_joint_state_that_is_not_finite_stops_the_arm(peer: Peer, tmp_path: Pa
     arm = moving(peer, tmp_path)
     position = arm.position.copy()
     position[3] = bad
-    peer.until("zeros", lambda: not peer.commands[-1].any(), lambda: peer.send_state(PANDA.joints, position))
-    peer.until("the reason", lambda: "panda_joint4" in peer.reason)
+
+    def each() -> None:
+        peer.send_state(PANDA.joints, position)
+
+    peer.until("the reason", lambda: "panda_joint4" in peer.reason, each)
+    peer.until("zeros", lambda: not peer.commands[-1].any(), each)
     assert all(np.isfinite(command).all() for command in peer.commands)
 
 
@@ -135,17 +143,19 @@ def test_a_bad_target_is_refused_and_the_next_good_one_taken(peer: Peer, tmp_pat
 def test_a_signal_ramps_to_zero_and_leaves_a_whole_recording(peer: Peer, tmp_path: Path, number: int) -> None:
     bag = tmp_path / "bag"
     recording = ["-p", "recording.enabled:=true", "-p", f"recording.directory:={bag}"]
-    arm = moving(peer, tmp_path, [*recording, "-p", "limits.acceleration:=[0.5]", "-p", "rate_hz:=200.0"])
-    before = len(peer.commands)
-    assert peer.processes[0].stop(number, 60.0) == 0
+    arm = moving(peer, tmp_path, [*recording, "-p", f"limits.acceleration:=[{SLOW_RAMP}]", "-p", "rate_hz:=200.0"])
+    assert peer.processes[0].stop(number, ENOUGH_S) == 0
     peer.until("the last zeros", lambda: not peer.commands[-1].any(), arm)
-    ramp = peer.commands[before:-1]
-    assert len(ramp) > 3, "it ramps down instead of stopping abruptly"
     run = load_run(bag)
     assert run.complete
     assert run.dropped == 0
     assert run.status[-1].reason == "the process is ending"
     assert not run.joint_velocity[-1].any()
+    # From the recording: of commands that it does not read at once this process keeps the newest ones.
+    first = next(row for row, status in enumerate(run.status) if status.reason == "the process is ending")
+    changes = np.abs(np.diff(run.joint_velocity[first - 1 :], axis=0)).max(axis=1)
+    assert len(changes) > 3, "it ramps down instead of stopping abruptly"
+    assert (changes <= SLOW_RAMP * np.diff(run.times_s[first - 1 :]) + 1e-9).all()
 
 
 def test_pause_reset_and_record_are_services(peer: Peer, tmp_path: Path) -> None:
@@ -160,11 +170,19 @@ def test_pause_reset_and_record_are_services(peer: Peer, tmp_path: Path) -> None
     answer = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=False), arm)
     assert "0 messages dropped" in answer.message
     # The response does not wait for the disk.
-    peer.until("a whole recording", lambda: load_run(tmp_path / "bag").complete, arm)
+    peer.until("a whole recording", lambda: is_complete(tmp_path / "bag"), arm)
     again = peer.call(SetBool, "/ik_node/record", SetBool.Request(data=True), arm)
     assert not again.success
     assert "exists already" in again.message
     assert peer.call(Trigger, "/ik_node/reset", Trigger.Request(), arm).success
+
+
+def is_complete(bag: Path) -> bool:
+    """Whether a recording is complete; it cannot be read before the disk has its begin."""
+    try:
+        return load_run(bag).complete
+    except RecordingError:
+        return False
 
 
 def set_doubles(peer: Peer, name: str, values: list[float], each: FakeArm) -> tuple[bool, str]:
@@ -200,7 +218,7 @@ def test_parameters_say_what_they_are_and_change_at_run_time(peer: Peer, tmp_pat
     refused, reason = set_double(peer, "rate_hz", 100.0, arm)
     assert not refused
     assert "read-only" in reason or "read_only" in reason
-    assert peer.mode == "holding"
+    peer.until("control", lambda: peer.mode == "holding", arm)  # a busy machine may have stopped the arm meanwhile
 
 
 def test_the_values_of_all_parameters_are_one_answer(peer: Peer, tmp_path: Path) -> None:
@@ -430,5 +448,5 @@ def test_the_run_is_shown_as_markers_to_those_who_look(peer: Peer, tmp_path: Pat
     assert stamps_s[-1] - stamps_s[0] > 0.05 * len(stamps_s), "a tenth of the control rate, for any timing of the steps"
     marker.action = Marker.DELETE
     peer.until("its end", lambda: "obstacles" not in there(), each, send_obstacle)
-    peer.processes[0].stop(signal.SIGINT, 60.0)
+    peer.processes[0].stop(signal.SIGINT, ENOUGH_S)
     peer.until("no markers", lambda: not shown)

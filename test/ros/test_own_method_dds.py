@@ -70,7 +70,7 @@ def test_a_method_that_fails_is_replaced_and_the_arm_goes_on(peer: Peer, tmp_pat
 
     peer.until("the reason", lambda: words in peer.reason and "continued with plain" in peer.reason, each)
     peer.until("arrival", lambda: bool(np.abs(arm.pose() - goal).max() < 1e-3), each)
-    assert peer.mode == "tracking"
+    peer.until("control", lambda: peer.mode == "tracking", each)
     process.stop()
     log = process.log.read_text()
     assert "ms per call" in log

@@ -15,6 +15,7 @@ from loop import READY, Loop, make_robot
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: requirements.txt has the wheels")
 
 from ros_peer import CALM, FakeArm, peer_in_own_domain  # noqa: E402
+from waiting import ENOUGH_S  # noqa: E402
 
 from ik_node.interfaces.clock import Instant  # noqa: E402
 from ik_node.interfaces.samples import PathSample, PoseSample, TrajectorySample, TwistSample  # noqa: E402
@@ -152,7 +153,7 @@ def test_a_refused_transform_is_in_status_log_and_recording(tmp_path: Path, monk
         peer.until("the refusal", lambda: words in peer.reason, arm, lambda: peer.send_target(goal, "camera"))
         peer.until("the log", lambda: words in process.log.read_text(), arm)
         peer.until("the end of it", lambda: words not in peer.reason, arm, lambda: peer.send_target(goal, ""))
-        assert process.stop(signal.SIGINT, 60.0) == 0
+        assert process.stop(signal.SIGINT, ENOUGH_S) == 0
     source = RecordingSource(bag)
     calls = [entry for entry in source.entries() if isinstance(entry, RecordedCall)]
     assert any(words.encode() in entry.data for entry in calls if entry.call.kind is CallKind.ON_INPUT_NOTE)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from loop import READY, make_robot
 from ros_peer import CALM, FakeArm, Peer, peer_in_own_domain, rclpy
+from waiting import ENOUGH_S
 
 from ik_node.ros import qos
 
@@ -18,6 +19,8 @@ if rclpy:
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import Float64MultiArray
     from std_srvs.srv import SetBool
+LONG_S = 2.0
+"""Time-out of the watchdog where it must not stop the arm: longer than a hold-up of the machine."""
 
 
 @pytest.fixture
@@ -122,16 +125,16 @@ def test_the_diagnostics_of_the_node_know_the_watchdog(peer: Peer, tmp_path: Pat
     peer.until("a watchdog", lambda: states[-1:] == ["ready"], arm)
     assert "ready: zeros on /ik_node/commands after 0.1 s" in watchdog.log.read_text()
     os.kill(watchdog.pid, signal.SIGINT)
-    watchdog.stop(signal.SIGTERM, 60.0)  # the second signal: it may hold the arm with small commands
+    watchdog.stop(signal.SIGTERM, ENOUGH_S)  # the second signal: it may hold the arm with small commands
     peer.until("no watchdog again", lambda: states[-1:] == ["absent"], arm)
 
 
 def test_a_node_that_ends_in_good_order_is_left_alone(peer: Peer, tmp_path: Path) -> None:
-    """The node's own zeros are the last commands. The time-out is longer than any delay of a busy machine."""
-    arm = moving(peer, tmp_path, 1.0)
-    peer.processes[1].stop(signal.SIGTERM, 60.0)
+    """The node's own zeros are the last commands."""
+    arm = moving(peer, tmp_path, LONG_S)
+    peer.processes[1].stop(signal.SIGTERM, ENOUGH_S)
     peer.until("zeros", lambda: not peer.commands[-1].any(), arm)
-    peer.until_silent(1.5, arm)
+    peer.until_silent(LONG_S + 0.5, arm)
     assert not peer.commands[-1].any()
     assert last_zeros(peer) <= 3
     assert "the arm was stopped" not in peer.processes[0].log.read_text()
@@ -140,7 +143,7 @@ def test_a_node_that_ends_in_good_order_is_left_alone(peer: Peer, tmp_path: Path
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_watchdog_monitors_until_the_arm_is_at_rest(peer: Peer, tmp_path: Path, number: int) -> None:
     """Ctrl-C reaches node and watchdog at the same time; the ramp of the node needs the watchdog as well."""
-    arm = moving(peer, tmp_path, 0.1)
+    arm = moving(peer, tmp_path, LONG_S)
     watchdog, node = peer.processes
     os.kill(watchdog.pid, number)
     os.kill(watchdog.pid, signal.SIGINT)  # an impatient user
@@ -153,7 +156,7 @@ def test_the_watchdog_monitors_until_the_arm_is_at_rest(peer: Peer, tmp_path: Pa
 
 
 def test_sigterm_after_another_signal_ends_the_watchdog_at_once(peer: Peer, tmp_path: Path) -> None:
-    arm = moving(peer, tmp_path, 0.1)
+    arm = moving(peer, tmp_path, LONG_S)
     watchdog = peer.processes[0]
     os.kill(watchdog.pid, signal.SIGINT)
     peer.until("the line", lambda: "ends when the commands are zero" in watchdog.log.read_text(), arm)

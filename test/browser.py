@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from waiting import ENOUGH_S
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 ARGUMENTS = (
@@ -65,7 +66,9 @@ class Browser:
                 time.sleep(0.05)
             with urllib.request.urlopen(f"http://127.0.0.1:{found[1]}/json") as answer:
                 pages = [page for page in json.load(answer) if page["type"] == "page"]
-            self._socket = client.connect(pages[0]["webSocketDebuggerUrl"], max_size=None)
+            # Without pings: Chromium does not answer them in time while it draws on a slow machine.
+            address, patient = pages[0]["webSocketDebuggerUrl"], {"open_timeout": ENOUGH_S, "ping_interval": None}
+            self._socket = client.connect(address, max_size=None, **patient)
         except BaseException:
             self._process.kill()
             raise
@@ -78,7 +81,7 @@ class Browser:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            message: dict[str, Any] = json.loads(self._socket.recv(timeout=60.0))
+            message: dict[str, Any] = json.loads(self._socket.recv(timeout=ENOUGH_S))
             if message.get("id") == number:
                 return dict(message.get("result", {}))
             self._events.append(message)
@@ -111,7 +114,7 @@ class Browser:
         assert found, f"no {selector} with '{text}' on the page"
         return found[0], found[1], found[2], found[3]
 
-    def until(self, what: str, holds: Callable[[], bool], timeout_s: float = 180.0) -> None:
+    def until(self, what: str, holds: Callable[[], bool], timeout_s: float = 2.0 * ENOUGH_S) -> None:
         end = time.monotonic() + timeout_s
         while not holds():
             assert time.monotonic() < end, f"waited {timeout_s:g} s for {what}"
@@ -133,4 +136,4 @@ class Browser:
     def close(self) -> None:
         self._socket.close()
         self._process.terminate()
-        self._process.wait(15.0)
+        self._process.wait(ENOUGH_S)

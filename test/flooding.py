@@ -17,6 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
+from waiting import ENOUGH_S
+
 BYTES_PER_S = 20e6
 """Large messages are sent at a lower rate than asked for."""
 SET_PARAMETERS = "set_parameters"
@@ -47,7 +49,7 @@ def flooding(floods: Sequence[Flood], domain: int, folder: Path) -> Iterator[Pat
         yield count
     finally:
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60.0) == 0
+        assert process.wait(ENOUGH_S) == 0
 
 
 def _senders(node: Any, floods: Sequence[Flood]) -> list[tuple[Any, float]]:

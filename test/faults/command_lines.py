@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-TOO_LONG_S = 120.0
+from waiting import ENOUGH_S
 
 
 def one_line(arguments: Sequence[str], text: str, good: Sequence[int] = (0,)) -> tuple[str, str, str]:
@@ -24,10 +24,10 @@ def one_line(arguments: Sequence[str], text: str, good: Sequence[int] = (0,)) ->
     command = [sys.executable, "-m", f"ik_node.cli.{arguments[0]}", *arguments[1:]]
     try:
         process = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=TOO_LONG_S, check=False, env=os.environ
+            command, capture_output=True, text=True, errors="replace", timeout=ENOUGH_S, check=False, env=os.environ
         )
     except subprocess.TimeoutExpired:
-        return "", "none", f"still running after {TOO_LONG_S:g} s"
+        return "", "none", f"still running after {ENOUGH_S:g} s"
     lines = (process.stderr if text else process.stdout + process.stderr).strip().splitlines()
     last, code = lines[-1] if lines else "", process.returncode
     wrong = []

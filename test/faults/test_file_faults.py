@@ -19,6 +19,7 @@ from fault_table import Row, failures
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from support import PROJECT
+from waiting import ENOUGH_S
 
 from ik_node.messages.cdr import STORE
 from ik_node.messages.encode import encode_joint_state
@@ -260,7 +261,7 @@ def test_other_origins(record_property: Callable[[str, object], None]) -> None:
             ("evil.example", "", 403),
             ("", "http://evil.example", 403),
         ):
-            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=60.0)
+            connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=ENOUGH_S)
             headers = {"Host": host or f"localhost:{server.get_port()}", **({"Origin": origin} if origin else {})}
             connection.request("GET", "/", headers=headers)
             found = connection.getresponse().status

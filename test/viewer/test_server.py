@@ -6,6 +6,7 @@ import http.client
 from typing import Any
 
 import pytest
+from waiting import ENOUGH_S
 
 viser = pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus  # noqa: E402
@@ -16,7 +17,7 @@ from ik_node.viewer.server import is_own_origin, serve  # noqa: E402
 
 
 def status(port: int, host: str, origin: str = "") -> int:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=ENOUGH_S)
     connection.request("GET", "/", headers={"Host": host, **({"Origin": origin} if origin else {})})
     return connection.getresponse().status
 
@@ -28,9 +29,12 @@ def test_other_origins_and_hosts_are_refused() -> None:
         assert status(port, f"localhost:{port}") == 200
         assert status(port, "evil.example") == 403
         assert status(port, f"localhost:{port}", "http://evil.example") == 403
-        options: dict[str, Any] = {"subprotocols": [Subprotocol(f"viser-v{viser.__version__}")], "open_timeout": 60.0}
+        options: dict[str, Any] = {
+            "subprotocols": [Subprotocol(f"viser-v{viser.__version__}")],
+            "open_timeout": ENOUGH_S,
+        }
         with connect(f"ws://127.0.0.1:{port}", origin=Origin(f"http://127.0.0.1:{port}"), **options) as own:
-            assert own.recv(60.0)
+            assert own.recv(ENOUGH_S)
         for origin in ("http://evil.example", "null", f"http://localhost:{port + 1}"):
             with pytest.raises(InvalidStatus, match="403"):
                 connect(f"ws://127.0.0.1:{port}", origin=Origin(origin), **options)

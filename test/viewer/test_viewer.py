@@ -755,20 +755,21 @@ def test_page_in_a_browser_without_internet(page: ViewerPage, browser: Browser) 
     assert page.playback.time_s == pytest.approx(0.6 * DURATION_S, abs=0.05 * DURATION_S)
     browser.until("the arm to move", lambda: changed(visible, browser.picture()) > 0.02)
     assert np.abs(world_pose(page.server, "/robot/5") - pose).max() > 0.1
-    assert browser.evaluate("document.body.innerText.includes('following <script>')")
+    browser.until("the status", lambda: browser.evaluate("document.body.innerText.includes('following <script>')"))
 
     x, y, width, height = browser.place("button", "Play")
-    here_s, page.playback.speed = page.playback.time_s, 0.01  # a slow browser shows it before it ends
+    here_s, page.playback.speed = page.playback.time_s, 0.001  # a slow browser shows it before it ends
     browser.click(x + 0.5 * width, y + 0.5 * height)
     browser.until("playing", lambda: page.playback.time_s > here_s)
     browser.until("the pause button", lambda: browser.evaluate("document.body.innerText.includes('Pause')"))
     browser.click(x + 0.5 * width, y + 0.5 * height)
     browser.until("the pause", lambda: not page.playback.playing)
 
-    assert browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 7
+    browser.until("plots", lambda: browser.evaluate("document.querySelectorAll('.uplot canvas').length") == 7)
     charts = "Object.values(window.__viserTestpoints.uplots).map(entry => entry.chart)"
     undrawn = "charts.filter(chart => chart.scales.y.min == null).map(chart => chart.series[1].label)"
-    assert browser.evaluate(f"(charts => {undrawn})({charts})") == [], "rx, ry and rz are NaN at first"
+    # rx, ry and rz are NaN at first
+    browser.until("their lines", lambda: browser.evaluate(f"(charts => {undrawn})({charts})") == [])
     asked = browser.requested()
     assert asked
     assert [address for address in asked if not re.match(rf"(data|blob):|{re.escape(url)}/", address)] == []

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ik_node.errors import RecordingError
+from ik_node.interfaces.clock import NS
+from ik_node.interfaces.delivery import HOLD_UP_S
 from ik_node.math.types import Array
 from ik_node.messages.step_codec import CallKind
 from ik_node.recording.call_log import RecordedCall, RecordedCalls
@@ -29,6 +31,14 @@ class Command(NamedTuple):
     reason: str
     limits: MotionLimits
     period_s: float
+
+
+class HoldUp(NamedTuple):
+    """A time in which the node made no call: its machine did not run it."""
+
+    begin_ns: int
+    """Monotonic."""
+    end_ns: int
 
 
 class Measured(NamedTuple):
@@ -68,6 +78,22 @@ def read_commands(bag: Path, robot: Robot) -> list[Command]:
                 Command(step.now.monotonic_ns, step.joint_velocity, status.mode.value, status.reason, limits, period_s)
             )
     return commands
+
+
+def read_hold_ups(bag: Path) -> list[HoldUp]:
+    """All hold-ups of a recording; none if it cannot be read."""
+    try:
+        entries = list(RecordedCalls(bag).entries())
+    except RecordingError:
+        return []
+    times_ns = [entry.call.now.monotonic_ns for entry in entries if isinstance(entry, RecordedCall)]
+    return [HoldUp(*pair) for pair in pairwise(times_ns) if pair[1] - pair[0] > HOLD_UP_S * NS]
+
+
+def held_up_between(hold_ups: list[HoldUp], begin_ns: int, end_ns: int) -> float:
+    """For how long hold-ups lasted in all between two monotonic times, s."""
+    lengths_ns = (min(found.end_ns, end_ns) - max(found.begin_ns, begin_ns) for found in hold_ups)
+    return sum(max(length_ns, 0) for length_ns in lengths_ns) / NS
 
 
 def _limits(robot: Robot, settings: Settings) -> MotionLimits:

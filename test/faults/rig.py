@@ -34,8 +34,11 @@ TARGETS_EVERY = 2
 RADIUS_M, TURN_S = 0.06, 2.0
 MOVING = 0.08
 """Speed of the fastest joint, rad/s, from which the arm is moving."""
-PATIENCE_S = 15.0
-"""Longest wait for an expected status; the time of each fault is measured from the recording."""
+LATE_S = 0.05
+"""Time between two joint states of this process from which on it counts as held up."""
+PATIENCE_S = 60.0
+"""Longest wait for an expected status, also on a busy machine; the time of each fault is measured from the recording.
+"""
 
 
 class Rig:
@@ -56,6 +59,8 @@ class Rig:
         self._count = 0
         self.longest_gap_s = 0.0
         """Longest time between two joint states of this process, since it was set to 0."""
+        self.held_up_s = 0.0
+        """For how long this process was held up in all since the last fault."""
         self.answer = ""
         """What a service or parameter call of the fault answered."""
         self.fault_ns = self.first_status = self.first_command = 0
@@ -74,7 +79,7 @@ class Rig:
 
     def mark(self) -> None:
         """The fault begins now."""
-        self.fault_ns = time.monotonic_ns()
+        self.fault_ns, self.held_up_s = time.monotonic_ns(), 0.0
         self.first_status, self.first_command = len(self.peer.statuses), len(self.peer.commands)
 
     # --- what is sent ------------------------------------------------------------------------------------------------
@@ -109,6 +114,7 @@ class Rig:
         self._next_s = max(self._next_s + STATE_PERIOD_S, now - STATE_PERIOD_S)
         elapsed_s, self._last_s = now - self._last_s, now
         self.longest_gap_s = max(self.longest_gap_s, elapsed_s)
+        self.held_up_s += elapsed_s if elapsed_s > LATE_S else 0.0
         self._turn_s += min(elapsed_s, 0.1)
         command = self.peer.commands[-1] if self.peer.commands else np.zeros(self.robot.n)
         if np.isfinite(command).all():

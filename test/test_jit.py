@@ -224,6 +224,7 @@ import os, sys
 from pathlib import Path
 from ik_node import jit
 
+os.umask(0o022)  # others may read an image
 folder = jit.cache_folder()
 jit.mark_warm()
 (folder / "code").write_text("machine code")

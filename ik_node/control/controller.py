@@ -339,7 +339,7 @@ class Controller:
     def _track(self, state: JointState, now: Instant) -> Step:
         pose_sb, interval_s, law = self.robot.pose(state.position), self._timer.interval_s, self._velocity_controller
         motion = self._targets.advance(state.time_ns, interval_s, law.task_scale, pose_sb, state.position)
-        output = law.compute(state, pose_sb, motion, interval_s, now)
+        output = law.compute(state, pose_sb, motion, interval_s, now, self._targets.foreseen)
         report_step(self._status, now, output, law, self._targets, self._timer, self._joint_states)
         self._tick += 1
         return closed_loop_step(self._tick - 1, now, state, pose_sb, motion, output, self._targets, self.status)

@@ -181,7 +181,7 @@ class VelocityController:
         self._smith_predictor.command(velocity, time_ns)
 
     def compute(
-        self, state: JointState, pose_sb: Array, motion: Motion, interval_s: float, now: Instant
+        self, state: JointState, pose_sb: Array, motion: Motion, interval_s: float, now: Instant, foreseen: bool = False
     ) -> ControlOutput:
         """Computes the command of one control step, and records it as given.
 
@@ -191,6 +191,7 @@ class VelocityController:
             motion: Desired motion.
             interval_s: Expected time until the next command, s.
             now: Present time.
+            foreseen: True on a path whose rate is one that the joints can follow, now and ahead.
 
         Returns:
             The command with the intermediate results.
@@ -213,7 +214,7 @@ class VelocityController:
         q_middle = extrapolated(position, self.velocity, to_middle_s)
         self._slowing = self.slowing()
         self.solver.lower_velocity_limits(self.velocity, elapsed_s)
-        arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns)
+        arm = ArmState(position, q_middle, self.velocity, elapsed_s, now.monotonic_ns, foreseen)
         rows = task.rows(predicted, to_middle_s)
         if control.control_law == "ik_difference":
             velocity = self._ik.velocity(position, motion, interval_s, control.ik_difference_gain)

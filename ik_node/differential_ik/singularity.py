@@ -35,6 +35,11 @@ A boundary has two branches (an elbow bent either way), and at the boundary itse
 branch that the arm came from is tracked (:mod:`ik_node.differential_ik.singularity_branch`): an arm on the other branch
 that is to return first crosses the boundary, which hardly moves the tool, and then goes back the way it came.
 
+On a path whose joint motion ahead is known (:mod:`ik_node.targets.path.foresight`), all this is superfluous: its rate is
+one that the joints can follow, while sigma* and the scales above suppose that V remains as it is, and would truncate
+what the joints can execute. There V is followed with the damped rates of the prediction, until a limit stops the arm
+for ``timeout_s``.
+
 For sigma below ``tolerance`` the rate is w / max(sigma, tolerance / 2 ...): bounded, and not zero at an exactly
 singular start, so that the arm gets away; it continues to turn in the present direction.
 """
@@ -64,6 +69,7 @@ from ik_node.jit import compiled
 from ik_node.math.numerics import smoothstep, smoothstep_ratio
 from ik_node.math.pseudoinverse import Decomposition
 from ik_node.math.types import Array
+from ik_node.robot.chain import PATH_DAMPING
 from ik_node.robot.joint_limits import JointBounds, MotionLimits
 from ik_node.settings.groups import SingularitySettings
 
@@ -150,6 +156,7 @@ def regulate_singularities(
     state: SingularityState,
     elapsed_s: float,
     scale_before: float = 1.0,
+    foreseen: bool = False,
 ) -> RegulatedTask:
     """The part of V that is executed in this control step, and its scale; see the module.
 
@@ -167,6 +174,7 @@ def regulate_singularities(
         state: ``state`` of the last result.
         elapsed_s: For how long the present command has been held, s.
         scale_before: Scale s that the limits permitted in the last control step.
+        foreseen: True on a path whose rate is one that the joints can follow, also ahead.
     """
     size = len(svd.sigma)
     u, sigma, rows = svd.u, svd.sigma, svd.vt[:size]
@@ -177,9 +185,12 @@ def regulate_singularities(
     branch = track_branch(state.branch, u[:, -1], rows[-1], float(sigma[-1]) / settings.threshold)
     in_time = 1.0 - smoothstep((state.delay_s - settings.timeout_s) / TRUNCATION_S)
     required = bounded_rates(sigma, near.along, near.tolerance)
-    if state.retention == 1.0 and state.delay_s <= settings.timeout_s and needs_no_regulation(near, required, limits):
+    is_free = foreseen or (state.retention == 1.0 and needs_no_regulation(near, required, limits))
+    if is_free and state.delay_s <= settings.timeout_s:
         delay_s = _delay(state.delay_s, scale_before, elapsed_s, previous, limits)
         free = SingularityState(delay_s, "free", 1.0, 0.0, branch)
+        if foreseen:
+            return _on_path(jacobian, twist, row_scale, svd, near.along, free)
         return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)
     first = int(np.count_nonzero(sigma >= settings.threshold))
     crossed = branch is not None and branch.crossed
@@ -210,8 +221,7 @@ def regulate_singularities(
         previous,
         bounds,
     )
-    raised = np.maximum(sigma, MIN_SIGMA)
-    regular = jacobian if sigma[-1] >= MIN_SIGMA else ((u * raised) @ rows) / row_scale[:, None]
+    regular = _regular(jacobian, row_scale, svd)
     max_delay_s = settings.timeout_s + TRUNCATION_S + MAX_EXTRA_DELAY_S
     delay_s = min(_delay(state.delay_s, found.scale * scale_before, elapsed_s, previous, limits), max_delay_s)
     return RegulatedTask(
@@ -225,6 +235,30 @@ def regulate_singularities(
         svd if regular is jacobian else None,
         after._replace(delay_s=delay_s, branch=branch),
     )
+
+
+def _on_path(
+    jacobian: Array, twist: Array, row_scale: Array, svd: Decomposition, along: Array, state: SingularityState
+) -> RegulatedTask:
+    """The task on a path that is foreseen: V at the damped rates that its prediction has, at full scale.
+
+    The damping ends at ten times its value, so that V_f = V further away from the singularity (S. K. Chan, P. D.
+    Lawrence, "General inverse kinematics with the error damped pseudoinverse", ICRA 1988).
+    """
+    sigma = svd.sigma
+    damping = PATH_DAMPING * np.maximum(1.0 - (sigma / (10.0 * PATH_DAMPING)) ** 2, 0.0)
+    kept = sigma * sigma / (sigma * sigma + damping * damping)
+    truncated = (svd.u @ ((1.0 - kept) * along)) / row_scale
+    regular = _regular(jacobian, row_scale, svd)
+    own_svd = svd if regular is jacobian else None
+    return RegulatedTask(regular, twist - truncated, truncated, 1.0, 1.0, np.ones(len(sigma)), sigma, own_svd, state)
+
+
+def _regular(jacobian: Array, row_scale: Array, svd: Decomposition) -> Array:
+    """J with singular values raised to ``MIN_SIGMA``; J itself away from singularities."""
+    if svd.sigma[-1] >= MIN_SIGMA:
+        return jacobian
+    return np.asarray(((svd.u * np.maximum(svd.sigma, MIN_SIGMA)) @ svd.vt[: len(svd.sigma)]) / row_scale[:, None])
 
 
 class _RegulatedTwist(NamedTuple):

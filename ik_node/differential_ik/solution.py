@@ -27,6 +27,8 @@ class ArmState(NamedTuple):
     """For how long it has been held, s."""
     time_ns: int
     """Monotonic time, ns."""
+    foreseen: bool = False
+    """True on a path whose rate is one that the joints can follow, now and ahead."""
 
 
 class DifferentialIkSolution(NamedTuple):
@@ -59,7 +61,7 @@ class DifferentialIkSolution(NamedTuple):
     deferred_b: Array = NO_TRUNCATION
     """The part of ``truncated_b`` that is deferred: the joints cannot follow the change of V along its direction."""
     present_share: float = 0.0
-    """Share of the present twist of the tool in V_f; the rest is V, less what is truncated near a singularity."""
+    """Share of V_f that is the present twist of the tool and not along V."""
 
     @property
     def progress(self) -> float:

@@ -236,12 +236,12 @@ class DifferentialIkSolver:
             task.jacobian, weight, gradient, gain, row_scale, self._null_space_cap, task.svd, rows.bands
         )
         wish = task.singularity_scale
-        if len(order):
+        if len(order) and not state.foreseen:
             ahead = Prediction(jacobian, order, row_scale, twist, self._singularity.tolerance, task.kept)
             wish = min(wish, viable_scale(ahead, state.q, state.previous, self.limits))
         moving = state if len(order) and self._snapshot.stalled_s <= TIMEOUT_S else None
         found = solve_gradually(problem, jacobian, task.twist, wish, moving, self._own_limits, bounds, dampers)
-        limited, bounds, deferred, share = found
+        limited, bounds, deferred, share, aside = found
         closed, scale = limited.unconstrained, limited.task_scale
         truncated = task.truncated + deferred
         progress = (1.0 - share) * scale
@@ -273,7 +273,7 @@ class DifferentialIkSolver:
             relaxed_names(limited, bounds, self._joints, dampers),
             NO_PAIR if terms is None else terms.closest,
             deferred if share > 0.0 else NO_TRUNCATION,
-            share,
+            aside,
         )
 
     def _regulated(
@@ -296,6 +296,7 @@ class DifferentialIkSolver:
             self._snapshot.singularity,
             state.elapsed_s,
             self._snapshot.task_scale,
+            state.foreseen,
         )
 
     def twist_of(self, state: ArmState, velocity: Array, rows: TaskRows | None = None) -> Array:

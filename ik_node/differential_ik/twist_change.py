@@ -52,6 +52,8 @@ class GradualSolution(NamedTuple):
     """V - V_f, (m,), in the frame of J."""
     present_share: float
     """alpha / s; 0 if V_f = V."""
+    share_aside: float
+    """The part of ``present_share`` whose twist is not along V."""
 
 
 def solve_gradually(
@@ -81,14 +83,17 @@ def solve_gradually(
         sooner = viable_bounds(bounds, line.ray, line.null, moving.q, moving.previous, limits, moving.elapsed_s)
         limited = problem.solve(twist, wish, sooner, dampers)
         if not limited.leaves_direction(twist):
-            return GradualSolution(limited, sooner, np.zeros(len(twist)), 0.0)
+            return GradualSolution(limited, sooner, np.zeros(len(twist)), 0.0, 0.0)
     limited, change = problem.solve(twist, wish, bounds, dampers), None
     if moving is not None and limited.leaves_direction(twist):
         change = gradual_twist(problem.svd, jacobian, twist, problem.row_scale, wish, moving.previous, bounds)
-    if change is None:
-        return GradualSolution(limited, bounds, np.zeros(len(twist)), 0.0)
+    if change is None or moving is None:
+        return GradualSolution(limited, bounds, np.zeros(len(twist)), 0.0, 0.0)
     limited = problem.solve(change.twist, change.scale, bounds, dampers)
-    return GradualSolution(limited, bounds, twist - change.twist, change.present_share)
+    wanted, present = problem.row_scale * twist, problem.row_scale * (jacobian @ moving.previous)
+    along = min(max(float(wanted @ present) / max(float(wanted @ wanted), MIN_SCALE**2), 0.0), 1.0)
+    share = change.present_share
+    return GradualSolution(limited, bounds, twist - change.twist, share, share * (1.0 - along))
 
 
 def gradual_twist(

@@ -36,6 +36,9 @@ def moved_chain(jacobian: Array, order: NDArray[np.int64], change: Array) -> tup
     return moved, tail
 
 
+PATH_DAMPING = 1e-3
+"""Damping of the joint velocities along a known path, in its prediction and in the control law, m."""
+
 SLOW = 0.3
 """A joint with a lower velocity limit than this fraction of the highest one is slow."""
 

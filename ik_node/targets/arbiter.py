@@ -289,6 +289,11 @@ class TargetArbiter:
         return self._path.motion() if self._on_path else self._jog.motion()
 
     @property
+    def foreseen(self) -> bool:
+        """True on a path whose joint motion ahead is known."""
+        return self._on_path and self._path.foreseen
+
+    @property
     def _on_path(self) -> bool:
         return self._source in (TargetSource.PATH, TargetSource.TRAJECTORY)
 
@@ -322,16 +327,7 @@ class TargetArbiter:
             return "no target yet"
         if self._source is TargetSource.TWIST:
             return f"{name} has ended; holding the pose" if ended else f"jogging by {name}"
-        return self._path_reason(name)
-
-    def _path_reason(self, name: str) -> str:
-        if self._path.finished:
-            return f"{name} has ended; holding its last pose"
-        if self._path.timing:
-            return f"computing times for {name}"
-        if self._path.waiting:
-            return f"waiting for the start time of {name}" if self._path.early else f"moving to {name}"
-        return f"following {name}"
+        return self._path.reason(name)
 
     @property
     def target_note(self) -> str:

@@ -30,7 +30,7 @@ from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
 from ik_node.targets.bounds import APPROACH, motion_bounds
 from ik_node.targets.jerk_limited_filter import RigidMotion, pose_matrix
-from ik_node.targets.path.foresight import PathForesight, PathPrediction, viable_rate
+from ik_node.targets.path.foresight import PathForesight, PathPrediction, is_foreseen, viable_rate
 from ik_node.targets.path.request import PathRequest
 from ik_node.targets.path.se3_spline import Knots
 from ik_node.targets.path.speed_ramp import SpeedRamp
@@ -238,7 +238,8 @@ class PathFollower:
         if s.prediction is None:
             s.foreseen_rate = 1.0
         else:
-            s.foreseen_rate = viable_rate(s.prediction, time_s, hold_s, s.foreseen_rate)
+            # An arm that limits have slowed down speeds up again from its own rate, not from the one foreseen for it.
+            s.foreseen_rate = viable_rate(s.prediction, time_s, hold_s, s.foreseen_rate * s.time_rate)
 
     def _catch_up(self, time_ns: int, time_rate: float) -> None:
         s = self._state
@@ -296,6 +297,16 @@ class PathFollower:
 
     # --- status -------------------------------------------------------------------------------------------------------
 
+    def reason(self, name: str) -> str:
+        """Status text for a path of this name."""
+        if self.finished:
+            return f"{name} has ended; holding its last pose"
+        if self.timing:
+            return f"computing times for {name}"
+        if self.waiting:
+            return f"waiting for the start time of {name}" if self.early else f"moving to {name}"
+        return f"following {name}"
+
     @property
     def waiting(self) -> bool:
         """True before the start of the path: the arm approaches it or waits for its start time."""
@@ -317,6 +328,12 @@ class PathFollower:
         """True at the end of the path."""
         s = self._state
         return s.clock_s is not None and s.clock_s >= s.ramp.duration_s
+
+    @property
+    def foreseen(self) -> bool:
+        """True if the joint motion ahead is known, and the rate of the path one that the joints can follow."""
+        s = self._state
+        return s.prediction is not None and is_foreseen(s.prediction, self._path_time(s.clock_s))
 
     @property
     def progress(self) -> float:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ik_node.jit import compiled
 from ik_node.math import se3
 from ik_node.math.types import Array
-from ik_node.robot.chain import damped_rates, moved_chain, relative_speeds
+from ik_node.robot.chain import PATH_DAMPING, damped_rates, moved_chain, relative_speeds
 from ik_node.robot.joint_limits import MotionLimits, motion_limits
 from ik_node.robot.robot import Robot
 from ik_node.settings.groups import Settings
@@ -40,8 +40,8 @@ LIMIT_FRACTION = 0.8
 """Fraction of the joint limits that following the path may use; the rest is for feedback."""
 BENDING_FRACTION = 0.7
 """c: fraction of the acceleration for the bending of the joint motion."""
-DAMPING = 1e-3
-"""Damping of the predicted joint velocities, m."""
+MAX_ERROR = 1e-3
+"""Largest distance of the predicted pose from the path at which the path counts as foreseen, m."""
 CORRECTION_S = 0.05
 """Time constant with which the predicted pose returns to the path, s."""
 DRIFT = 0.03
@@ -65,6 +65,8 @@ class PathPrediction(NamedTuple):
     """Greatest x at each point, (k,)."""
     changes: Array
     """Greatest dv/dt at each point, (k,), 1/s."""
+    errors: Array
+    """Distance of the predicted pose from the path at each point, with rotations times the length of D, (k,), m."""
 
 
 class PathForesight:
@@ -102,7 +104,7 @@ class PathForesight:
         until_s = min(time_s + HORIZON_S, end_s)
         if known is None:
             known = PathPrediction(
-                np.array([time_s]), q[None, :].copy(), np.zeros((1, len(q))), np.zeros(1), np.zeros(1)
+                np.array([time_s]), q[None, :].copy(), np.zeros((1, len(q))), np.zeros(1), np.zeros(1), np.zeros(1)
             )
         left = len(known.times_s) - int(np.searchsorted(known.times_s, time_s))
         if known.times_s[-1] >= until_s - SHORTEST_S or left >= MAX_POINTS - SPARE_POINTS:
@@ -125,6 +127,13 @@ def viable_rate(known: PathPrediction, time_s: float, hold_s: float, before: flo
             break
         least = min(least, squares[k])
     return float(max(min(np.sqrt(least), before + hold_s * known.changes[first]), SLOWEST))
+
+
+@compiled
+def is_foreseen(known: PathPrediction, time_s: float) -> bool:
+    """True if the predicted pose at ``time_s`` is on the path: the joints can follow it as predicted."""
+    first = max(int(np.searchsorted(known.times_s, time_s, side="right")) - 1, 0)
+    return bool(known.errors[first] < MAX_ERROR)
 
 
 @compiled
@@ -185,11 +194,12 @@ def _extended(
     first = max(int(np.searchsorted(known.times_s, time_s, side="right")) - 1, 0)
     count = len(known.times_s) - first
     times_s, positions = np.empty(MAX_POINTS), np.empty((MAX_POINTS, n))
-    rates = np.zeros((MAX_POINTS, n))
-    times_s[:count], positions[:count], rates[:count] = (
+    rates, errors = np.zeros((MAX_POINTS, n)), np.zeros(MAX_POINTS)
+    times_s[:count], positions[:count], rates[:count], errors[:count] = (
         known.times_s[first:],
         known.positions[first:],
         known.rates[first:],
+        known.errors[first:],
     )
     now_s = times_s[count - 1]
     q = positions[count - 1].copy()
@@ -205,10 +215,11 @@ def _extended(
         end = resting_on(path, now_s + step_s)
         twist = mean_twist(start, end, step_s)
         error = se3.log6(se3.relative_pose(pose_sb, pose_matrix(start)))
-        half = damped_rates(jacobian, twist, row_scale, DAMPING, speeds)
+        errors[count - 1] = np.sqrt(((row_scale * error) ** 2).sum())
+        half = damped_rates(jacobian, twist, row_scale, PATH_DAMPING, speeds)
         middle, _ = moved_chain(jacobian, order, 0.5 * step_s * half)
-        p = damped_rates(middle, twist, row_scale, DAMPING, speeds)
-        to_path = damped_rates(jacobian, error, row_scale, 5.0 * DAMPING, speeds)
+        p = damped_rates(middle, twist, row_scale, PATH_DAMPING, speeds)
+        to_path = damped_rates(jacobian, error, row_scale, 5.0 * PATH_DAMPING, speeds)
         change = step_s * p + min(1.0, step_s / CORRECTION_S) * to_path
         jacobian, back = moved_chain(jacobian, order, change)
         pose_sb = se3.compose(pose_sb, se3.relative_pose(back, origin))
@@ -216,10 +227,13 @@ def _extended(
         q = q + change
         now_s += step_s
         times_s[count], positions[count] = now_s, q
+        errors[count] = errors[count - 1]
         start = end
         count += 1
     squares, changes = _greatest_squares(times_s[:count], rates[:count], limits, now_s >= end_s - 1e-9)
-    return PathPrediction(times_s[:count].copy(), positions[:count].copy(), rates[:count].copy(), squares, changes)
+    return PathPrediction(
+        times_s[:count].copy(), positions[:count].copy(), rates[:count].copy(), squares, changes, errors[:count].copy()
+    )
 
 
 @compiled

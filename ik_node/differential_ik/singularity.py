@@ -187,8 +187,7 @@ def regulate_singularities(
     required = bounded_rates(sigma, near.along, near.tolerance)
     is_free = foreseen or (state.retention == 1.0 and needs_no_regulation(near, required, limits))
     if is_free and state.delay_s <= settings.timeout_s:
-        delay_s = _delay(state.delay_s, scale_before, elapsed_s, previous, limits)
-        free = SingularityState(delay_s, "free", 1.0, 0.0, branch)
+        free = START._replace(delay_s=_delay(state.delay_s, scale_before, elapsed_s, previous, limits), branch=branch)
         if foreseen:
             return _on_path(jacobian, twist, row_scale, svd, near.along, free)
         return RegulatedTask(jacobian, twist, np.zeros(len(twist)), 1.0, 1.0, np.ones(size), sigma, svd, free)

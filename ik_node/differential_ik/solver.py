@@ -384,8 +384,10 @@ class DifferentialIkSolver:
     def _binding(
         self, step: StepSolution, state: ArmState, rows: TaskRows, terms: AvoidanceTerms | None
     ) -> tuple[str, ...]:
-        bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
         bands = () if rows.bands is None else rows.bands.active(step.joint_velocity, step.task_scale)
+        if not np.count_nonzero(step.sides):
+            return bands
+        bounds = joint_bounds(self._own_limits, state.q, state.previous, state.elapsed_s)
         dampers = () if terms is None else terms.dampers.names
         return (*binding_names(step.sides, bounds, self._joints, dampers), *bands)
 

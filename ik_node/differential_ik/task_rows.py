@@ -60,7 +60,7 @@ class TaskBands(NamedTuple):
 
     def active(self, velocity: Array, scale: float) -> tuple[str, ...]:
         """Names of the bands that bind."""
-        margins = self.rows @ velocity - scale * self.least
+        margins = self.rows.dot(velocity) - scale * self.least  # faster than @
         return tuple(name for name, margin in zip(self.names, margins.tolist(), strict=True) if margin <= BINDING)
 
 
@@ -194,15 +194,18 @@ class ToleranceRows(TaskRows):
 
     def twist(self, twist_b: Array) -> Array:
         """See :meth:`TaskRows.twist`."""
-        return np.asarray(self._rows @ twist_b)
+        found: Array = self._rows.dot(twist_b)
+        return found
 
     def body_twist(self, twist: Array) -> Array:
         """See :meth:`TaskRows.body_twist`."""
-        return np.asarray(self._lift @ twist)
+        found: Array = self._lift.dot(twist)
+        return found
 
     def wrench(self, multiplier: Array) -> Array:
         """See :meth:`TaskRows.wrench`."""
-        return np.asarray(multiplier @ self._rows)
+        found: Array = multiplier.dot(self._rows)
+        return found
 
     def all_singular_values(self, values: Array) -> Array:
         """See :meth:`TaskRows.all_singular_values`."""

@@ -41,7 +41,7 @@ dependencies.check(dependencies.COMPILED)  # before numba: a misfit must not cha
 
 import numba
 from llvmlite import binding
-from numba.core import event
+from numba.core import caching, codegen, compiler, event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -100,6 +100,57 @@ def _cache_key() -> str:
     return digest.hexdigest()[:16]
 
 
+class _LoadedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """A function loaded from disk, whose LLVM code is read only when another function that calls it is compiled.
+
+    numba reads it and lists its symbols at once, which takes more time than loading the machine code.
+    """
+
+    _bitcode = b""
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        """As numba's method."""
+        name, kind, data = state
+        if kind != "object":
+            return super()._unserialize(codegen, state)
+        library = codegen.create_library(name)
+        library.enable_object_caching()
+        machine_code, library._bitcode = data
+        library._set_compiled_object(machine_code)
+        library._finalize_final_module()
+        return library
+
+    def _get_module_for_linking(self) -> Any:
+        """As numba's method."""
+        if self._bitcode:
+            self._shared_module = binding.parse_bitcode(self._bitcode)
+            self._bitcode = b""
+            self._codegen._engine._load_defined_symbols(self._shared_module)
+        return super()._get_module_for_linking()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """As numba's method, for a symbol that is not in numba's list."""
+        self._ensure_finalized()
+        return int(self._codegen._engine.get_function_address(name))
+
+
+class _LoadedFunction(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """As numba's method; called with numba's lock of the compiler."""
+        engine = target_context.codegen()
+        previous = engine._library_class
+        engine._library_class = _LoadedLibrary
+        try:
+            return compiler.CompileResult._rebuild(target_context, *payload)
+        finally:
+            engine._library_class = previous
+
+
+class _FunctionCache(caching.FunctionCache):  # type: ignore[misc]
+    _impl_class = _LoadedFunction
+
+
 _dispatchers: list[Any] = []
 _ufuncs: list[Any] = []
 
@@ -119,9 +170,11 @@ def _numba_cache() -> Iterator[bool]:
 def compiled(function: Function) -> Function:
     """``function`` as machine code; division by zero gives inf or NaN, as in NumPy, and indices are not checked."""
     with _numba_cache() as cached:
-        compile_it = numba.njit(cache=cached, error_model="numpy", no_cfunc_wrapper=True)  # nothing calls it from C
-        _dispatchers.append(compile_it(function))
-    return cast(Function, _dispatchers[-1])
+        dispatcher = numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function)  # nothing calls it from C
+        if cached:
+            dispatcher._cache = _FunctionCache(function)
+    _dispatchers.append(dispatcher)
+    return cast(Function, dispatcher)
 
 
 def elementwise(function: Function) -> Callable[..., Any]:

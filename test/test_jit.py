@@ -244,3 +244,50 @@ def test_a_complete_folder_that_cannot_be_written_is_copied() -> None:
         different, writable, content, copy = run(COPIED, PROJECT, Path(home)).replace("machine code", "code").split()
         assert (different, writable, content) == ("True", "True", "code")
         assert not Path(copy).exists()
+
+
+LINKED = """
+import sys
+import numpy as np
+from numba.core import event
+from ik_node.jit import compiled
+
+@compiled
+def total(numbers):
+    return numbers.sum()
+
+@compiled
+def norm(numbers):
+    return np.sqrt((numbers * numbers).sum())
+
+@compiled
+def doubled_norm(numbers):
+    return 2.0 * norm(numbers)
+
+numbers = np.array([3.0, 4.0])
+total(numbers)
+with event.install_recorder("numba:llvm_lock") as llvm_calls:
+    norm(numbers)
+with event.install_recorder("numba:compile") as compilations:
+    doubled_norm(numbers) if sys.argv[1] == "twice" else norm(numbers)
+print(norm.stats.cache_hits.total(), len(llvm_calls.buffer), len(compilations.buffer) // 2, end=" ")
+print(doubled_norm(numbers) if sys.argv[1] == "twice" else norm(numbers))
+"""
+
+
+def test_a_loaded_function_is_linked_into_one_compiled_later(tmp_path: Path) -> None:
+    """The LLVM code of a function on disk is not read when it is loaded, which takes hundreds of calls of LLVM."""
+    program = tmp_path / "program.py"
+    program.write_text(LINKED)
+
+    def lines(what: str) -> list[str]:
+        code = f"import runpy, sys; sys.argv = ['', '{what}']; runpy.run_path({str(program)!r}, run_name='program')"
+        return run(code, PROJECT, tmp_path).split()
+
+    assert lines("once")[0] == "0"
+    loaded, llvm_calls, compiled, norm = lines("twice")
+    assert (loaded, compiled, norm) == ("1", "1", "10.0")
+    assert int(llvm_calls) < 100
+    loaded, llvm_calls, compiled, norm = lines("twice")
+    assert (loaded, compiled, norm) == ("1", "0", "10.0")
+    assert int(llvm_calls) < 100

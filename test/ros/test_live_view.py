@@ -75,7 +75,8 @@ def test_live_timeline_agrees_with_node_and_arm(peer: Peer, tmp_path: Path) -> N
     )
     recorded = timeline.buffer.timeline()
     moving = next(row for row in range(len(recorded.times_s)) if recorded.status[row].mode is Mode.TRACKING)
-    assert recorded.status[0].mode is Mode.HOLDING
+    # The first frames may be older than the first status.
+    assert Mode.HOLDING in {status.mode for status in recorded.status[:moving]}
     assert np.abs(recorded.joint_velocity[moving:]).max() > 0.05
     assert recorded.sigma_min[-1] == pytest.approx(0.16, abs=0.05)
     last = len(recorded.times_s) - 1

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +25,14 @@ def loaded_program(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module
+
+
+def skip_unless_others_can_read() -> None:
+    """Skip a test in which root becomes another user where only root may enter the folders of checkout and Python."""
+    places = (PROJECT, Path(sys.prefix).resolve())
+    closed = [folder for place in places for folder in (place, *place.parents) if not folder.stat().st_mode & 0o001]
+    if os.getuid() == 0 and closed:
+        pytest.skip(f"other users than root may not enter {closed[0]}")
 
 
 def shared_path(*parts: str) -> Path:

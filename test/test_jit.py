@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support import PROJECT
+from support import PROJECT, skip_unless_others_can_read
 
 PACKAGE = PROJECT / "ik_node"
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
@@ -239,6 +239,7 @@ print(copy != folder, os.access(copy, os.W_OK), (copy / "code").read_text(), cop
 
 def test_a_complete_folder_that_cannot_be_written_is_copied() -> None:
     """As in an image: its machine code is used, and the copy is removed with the process."""
+    skip_unless_others_can_read()
     with tempfile.TemporaryDirectory() as home:  # pytest's own folders may only be entered by their owner
         Path(home).chmod(0o755)
         different, writable, content, copy = run(COPIED, PROJECT, Path(home)).replace("machine code", "code").split()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
@@ -36,7 +37,10 @@ def test_the_recipe_installs_every_pinned_package_but_those_of_ros() -> None:
     line = next(line for line in recipe() if line.startswith("grep "))
     command = line.rpartition(" | ")[0]
     kept = subprocess.run(
-        ["bash", "-c", command.replace("src/ik_node", str(PROJECT))], capture_output=True, text=True, check=True
+        ["bash", "-c", command.replace("src/ik_node", shlex.quote(str(PROJECT)))],
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     names = {re.split("[=<>; ]", each)[0] for each in kept.splitlines() if each and not each.startswith("#")}
     assert names >= set(NUMERICAL)

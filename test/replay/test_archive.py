@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 from browser import Browser
-from support import PROJECT
+from support import PROJECT, skip_unless_others_can_read
 from waiting import ENOUGH_S, wait_until
 
 from ik_node.cli import replay as command
@@ -201,6 +201,7 @@ def test_a_killed_call_leaves_the_tables_of_what_it_had_done(tmp_path: Path) -> 
 @pytest.fixture
 def not_root() -> Iterator[Path]:
     """A folder; its files are accessed with the rights of a user that is not root."""
+    skip_unless_others_can_read()
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         user = os.geteuid()

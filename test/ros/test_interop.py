@@ -381,7 +381,7 @@ def test_recorded_targets_drive_a_running_node(run: tuple[Path, Loop], tmp_path:
             first = len(peer.statuses)
             places = [arm.pose()[1, 3]]
             with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, text=True) as process:
-                peer.until("the end", lambda process=process: process.poll() is not None, each)  # type: ignore[misc]
+                peer.until("the end", lambda process=process: process.poll() is not None, each)
                 assert process.stdout is not None
                 said = json.loads(process.stdout.read())
             assert process.returncode == 0

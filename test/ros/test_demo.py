@@ -13,7 +13,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +114,18 @@ def errors_in_simulated_time(bag: Path, truth: GroundTruth) -> tuple[float, floa
     return 1e3 * float(position), 1e3 * float(orientation)
 
 
+def assert_same_bits(bag: Path) -> None:
+    """Replay in a new process: distances depend, in their last digits, on the geometries that a process has built."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        pool.submit(check_replay, bag).result()
+
+
+def check_replay(bag: Path) -> None:
+    source = RecordingSource(bag)
+    again = replay(source)
+    assert again.passed, as_text(source, again, 1.0)
+
+
 def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> None:
     """Check the tracking errors of a simulated arm for the streamed targets and the recorded settings.
 
@@ -123,9 +137,7 @@ def assert_follows(out: Path, position_mm: float, orientation_mrad: float) -> No
     position, orientation = errors_in_simulated_time(out / "bag", truth)
     assert position < position_mm, (position, orientation)
     assert orientation < orientation_mrad
-    source = RecordingSource(out / "bag")
-    again = replay(source)
-    assert again.passed, as_text(source, again, 1.0)
+    assert_same_bits(out / "bag")
     run = load_run(out / "bag")
     went = np.nanmax(run.pose_sb[:, :3, 3], axis=0) - np.nanmin(run.pose_sb[:, :3, 3], axis=0)
     assert went.max() > 0.5 * np.ptp(truth.position, axis=0).max()
@@ -209,9 +221,7 @@ def test_a_recording_feeds_a_fresh_node(panda_run: Path, tmp_path: Path) -> None
     assert np.mean([row.tobytes() in known for row in new.q]) > 0.9
     assert any(change.status.mode is Mode.TRACKING for change in new.status_changes)
     assert np.abs(new.joint_velocity).max() > 0.1
-    source = RecordingSource(tmp_path / "bag")
-    again = replay(source)
-    assert again.passed, as_text(source, again, 1.0)
+    assert_same_bits(tmp_path / "bag")
 
 
 def test_the_demonstration_of_another_arm_at_another_rate(tmp_path: Path) -> None:

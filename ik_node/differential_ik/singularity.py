@@ -35,10 +35,10 @@ A boundary has two branches (an elbow bent either way), and at the boundary itse
 branch that the arm came from is tracked (:mod:`ik_node.differential_ik.singularity_branch`): an arm on the other branch
 that is to return first crosses the boundary, which hardly moves the tool, and then goes back the way it came.
 
-On a path whose joint motion ahead is known (:mod:`ik_node.targets.path.foresight`) nothing of this is needed: its rate
+On a path whose joint motion ahead is known (:mod:`ik_node.targets.path.foresight`), all this is superfluous: its rate
 is one that the joints can follow, while sigma* and the scales above suppose that V remains as it is, and would truncate
-what the joints can execute. There V is followed with the damped rates of the prediction, until limits have stopped the
-arm for ``timeout_s``.
+what the joints can execute. There V is followed with the damped rates of the prediction, until a limit stops the arm
+for ``timeout_s``.
 
 For sigma below ``tolerance`` the rate is w / max(sigma, tolerance / 2 ...): bounded, and not zero at an exactly
 singular start, so that the arm gets away; it continues to turn in the present direction.

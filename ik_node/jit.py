@@ -100,6 +100,11 @@ def _cache_key() -> str:
     return digest.hexdigest()[:16]
 
 
+IS_KNOWN = numba.__version__.startswith("0.68.")
+"""Whether the parts of numba that :class:`_LoadedLibrary` replaces are those that it was written for. Any other version
+loads functions by itself, which takes half a second more at each start."""
+
+
 class _LoadedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba has no types
     """A function loaded from disk, whose LLVM code is read only when another function that calls it is compiled.
 
@@ -171,8 +176,10 @@ def compiled(function: Function) -> Function:
     """``function`` as machine code; division by zero gives inf or NaN, as in NumPy, and indices are not checked."""
     with _numba_cache() as cached:
         dispatcher = numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function)  # nothing calls it from C
-        if cached:
+        if cached and IS_KNOWN:
             dispatcher._cache = _FunctionCache(function)
+        elif cached:
+            dispatcher.enable_caching()
     _dispatchers.append(dispatcher)
     return cast(Function, dispatcher)
 

@@ -140,7 +140,7 @@ class _LoadedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba has
         return int(self._codegen._engine.get_function_address(name))
 
 
-class _LoadedFunction(caching.CompileResultCacheImpl):  # type: ignore[misc]
+class _LoadedFunction(caching.CompileResultCacheImpl):  # type: ignore[misc]  # numba has no types
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """As numba's method; called with numba's lock of the compiler."""
         engine = target_context.codegen()
@@ -152,7 +152,7 @@ class _LoadedFunction(caching.CompileResultCacheImpl):  # type: ignore[misc]
             engine._library_class = previous
 
 
-class _FunctionCache(caching.FunctionCache):  # type: ignore[misc]
+class _FunctionCache(caching.FunctionCache):  # type: ignore[misc]  # numba has no types
     _impl_class = _LoadedFunction
 
 

@@ -23,7 +23,7 @@ _SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """In C, which takes a fifth of the time, where PyYAML was built with libyaml."""
 
 
-class _Loader(_SafeLoader):  # type: ignore[misc]
+class _Loader(_SafeLoader):  # type: ignore[misc]  # its base is known at run time
     """Takes 1e3 for a number, as ROS does and YAML 1.1 does not."""
 
 

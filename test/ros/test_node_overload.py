@@ -141,7 +141,7 @@ def test_a_starved_node_stops_once_and_a_slow_driver_is_named(
         driver.set_rate(0.1 * RATE_HZ)
         peer.until("the stop", lambda: peer.mode == "stopped")
         reason, end_s = peer.reason, time.monotonic() + 4.0
-        peer.until("four seconds", lambda: time.monotonic() > end_s)  # noqa: B023
+        peer.until("four seconds", lambda: time.monotonic() > end_s)  # noqa: B023 - called at once
         rows.append(f"slow driver     {figures}  stops {stops(peer, begin)}")
         assert stops(peer, begin) == 1
         driver.set_rate(RATE_HZ)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -58,11 +58,11 @@ class SimulatedTime:
         self.goal[2, 3] += 0.15 if self.arm.pose()[2, 3] > self.goal[2, 3] - 0.05 else 0.0
         self.peer.until("motion", lambda: bool(np.abs(self.peer.commands[-1]).max() > 0.05), self.follow)
 
-    def time_to_zeros(self, each: object = None) -> float:
+    def time_to_zeros(self, each: Callable[[], None] | None = None) -> float:
         """Seconds until zeros after the last joint state."""
         begin_s = time.monotonic()
-        self.peer.until("zeros", lambda: not self.peer.commands[-1].any(), each)  # type: ignore[arg-type]
-        self.peer.until("the reason", lambda: self.peer.reason.startswith(SILENCES), each)  # type: ignore[arg-type]
+        self.peer.until("zeros", lambda: not self.peer.commands[-1].any(), each)
+        self.peer.until("the reason", lambda: self.peer.reason.startswith(SILENCES), each)
         return time.monotonic() - begin_s
 
 
